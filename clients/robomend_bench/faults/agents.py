@@ -30,6 +30,11 @@ from robomend_client.rest.calls import Call
 from robomend_client.rest.errors import Unreachable
 from robomend_client.rest.retry import Retry
 
+USUAL = Reporting()
+
+SECOND_EAR = "second-ear"
+"""An agent that contradicts another."""
+
 CUT_S = 0.2
 """How long it takes to see that nobody can be reached."""
 
@@ -94,7 +99,7 @@ class HostAgent:
         folder: Path,
         knows: Collection[Act],
         carry_out: CarryOut,
-        reporting: Reporting = Reporting(),
+        reporting: Reporting = USUAL,
         noted: Callable[[str, Mapping[str, Any]], None] = lambda agent, batch: None,
     ) -> None:
         """`clients` are for reports and for orders; `knows` are the acts that this host can do."""

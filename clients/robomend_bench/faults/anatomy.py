@@ -66,7 +66,7 @@ class Topic:
     observed: bool = True
     latched: bool = False  # one message at its publisher's start, which is kept for who comes later
     values: Mapping[str, str | float] = field(default_factory=dict)
-    """Field -> what it does: `wave`, `clock`, `whole seconds`, `status of DEVICE`, or a number that it has."""
+    """Field -> what it does: `wave`, `clock`, `whole seconds`, `status of DEVICE`, or a number."""
 
     @property
     def period_s(self) -> float:

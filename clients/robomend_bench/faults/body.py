@@ -64,6 +64,7 @@ class Body:
         self.state: State = HEALTHY
         self.now_s = start_s
         self._answers: list[Act] = []  # what was done, in order
+        self.latched: set[str] = set()  # topics of which a message is kept for who comes later
         self.hiccups = False  # now and then a message comes late, within what its observer tolerates
         self._slowness = slowness
         self._chance = random.Random(f"body {seed}")
@@ -144,6 +145,9 @@ class Body:
         self._on_message(topic, self._last[topic])
 
     def _latch(self, topic: str) -> None:
+        if self.anatomy.publisher[topic] not in self.running():
+            return
+        self.latched.add(topic)
         self._last[topic] = self.now_s
         self._on_message(topic, self.now_s)
 

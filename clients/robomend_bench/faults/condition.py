@@ -188,8 +188,7 @@ def abnormal(anatomy: Anatomy, state: State) -> frozenset[Literal]:
 def _is_bad(aspect: Aspect, state: State, silent: frozenset[str], still: Collection[str]) -> bool:
     standing = [topic in still for topic in aspect.still]
     return (
-        (any(standing)
-        and not (len(standing) > 1 and all(standing)))
+        (any(standing) and not (len(standing) > 1 and all(standing)))
         or not silent.isdisjoint(aspect.silent)
         or bool(aspect.status and device_in(state, aspect.status).complains)
     )

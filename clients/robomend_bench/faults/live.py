@@ -18,7 +18,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.faults.agents import HostAgent
+from robomend_bench.faults.agents import SECOND_EAR, HostAgent
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Scenario
 from robomend_bench.faults.condition import Act, State
@@ -109,9 +109,8 @@ class LiveRobot:
         )
         agent.start(observers)
         self._listen()
-        for topic in self._anatomy.topics.values():
-            if topic.latched and self.record.states:  # what was published before is kept for who comes later
-                observers.message(topic.name, now_s)
+        for topic in self.body.latched & observers.topics:
+            observers.message(topic, now_s)
 
     def add_ear(self, topic: str) -> None:
         """A second agent begins, which is to hear one topic and hears nothing of it."""
@@ -124,7 +123,7 @@ class LiveRobot:
             topics={topic: self._anatomy.topics[topic]},
         )
         agent = HostAgent(
-            self.id, "second-ear", self._clients, self._folder, (), self._carry_out, noted=self._arrived
+            self.id, SECOND_EAR, self._clients, self._folder, (), self._carry_out, noted=self._arrived
         )
         observers = HostObservers(only, None, self._preset, now_s, None, time.time() - now_s)
         observers.topics.clear()

@@ -132,9 +132,8 @@ class HostObservers:
         hosts = anatomy.hosts
         for aspect in anatomy.aspects:
             if (aspect.host or hosts[0]) == host:
-                observer = observer_of(aspect)
-                observers.append(observer)
-                self.topics |= {source.partition(":")[0] for source in observer.sources}
+                observers.append(observer_of(aspect))
+                self.topics |= {source.partition(":")[0] for source in observers[-1].sources}
         observers.append(
             NodeObserver(
                 n.name for n in anatomy.nodes.values() if n.host == host or (not n.host and host == hosts[0])
@@ -171,7 +170,7 @@ class HostObservers:
             self._faulty.begun = begun
 
     def _wanted(self, topic: str) -> list[tuple[str, str]]:
-        """Return the sources that a topic's messages feed, each with its field; none for the whole message."""
+        """Return the sources that a topic's messages feed, each with its field; "" is the whole message."""
         found = (source.partition(":") for source in self.driver.sources)
         return [(f"{name}{colon}{key}", key) for name, colon, key in found if name == topic]
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from robomend_bench.faults.agents import SECOND_EAR
 from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.condition import (
     Act,
@@ -33,7 +34,10 @@ from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom
 
 GRACE_S = 0.3
-"""What arrives so shortly before something is said may be known too late for it."""
+"""Of what arrives so shortly before something is said nobody knows whether it was known."""
+
+LAPSE_GRACE_S = 0.05
+"""The same of what has not been said again in its lifetime."""
 
 POWER = frozenset({"shutdown", "power_up", "reset_bus", "switch_to_spare"})
 
@@ -164,24 +168,34 @@ def _silent(record: Record, anatomy: Anatomy, from_s: float, until_s: float) -> 
 
 
 def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
-    """Return what was last said to be bad by a time, or had not been said for its lifetime."""
+    """Return what was bad by what was last said of it at a time, or not said again for its lifetime.
+
+    What arrived so shortly before that, or after, that it may or may not have been known counts as good news.
+    """
     said: dict[Atom, tuple[float, bool | None]] = {}  # atom -> until when, and what
+    fresh: set[Atom] = set()
     for batch in record.arrived:
-        if batch.at_s > at_s - GRACE_S:
+        if batch.at_s > at_s + GRACE_S:
             break
-        if batch.agent == "second-ear":
+        if batch.agent == SECOND_EAR:
             continue
         until_s = batch.at_s + batch.lifetime_s
-        said |= {literal.atom: (until_s, literal.positive) for literal in batch.literals}
-        said |= dict.fromkeys(batch.unknown, (until_s, None))
+        now = {literal.atom: (until_s, literal.positive) for literal in batch.literals}
+        now |= dict.fromkeys(batch.unknown, (until_s, None))
+        if batch.at_s > at_s - GRACE_S:
+            fresh |= {atom for atom, (_, positive) in now.items() if positive}
+        if batch.at_s <= at_s + LAPSE_GRACE_S:
+            said |= now
     found = []
     for literal in robot.anatomy.healthy:
-        if literal.atom in said:
+        if literal.atom in said and literal.atom not in fresh:
             until_s, positive = said[literal.atom]
             if positive is False:
                 found.append(f"{-literal} was said last")
-            elif positive is None or until_s < at_s - GRACE_S:
-                found.append(f"{literal.atom} was not known")
+            elif positive is None:
+                found.append(f"{literal.atom} was said to be unknown")
+        if literal.atom in said and said[literal.atom][0] < at_s - LAPSE_GRACE_S:
+            found.append(f"{literal.atom} had not been said again in its lifetime")
     return sorted(found)
 
 

@@ -226,8 +226,8 @@ STRETCHES: tuple[Stretch, ...] = (
     Stretch(
         "bridge-reenters",
         45.0,
-        "one peer of the middleware slept for longer than its lease: the bridge begins anew, hears nothing for "
-        "2 to 5 s, and says so as far as it does",
+        "a peer of the middleware slept for longer than its lease: the bridge begins anew, and hears nothing "
+        "for 2 to 5 s",
         _reenters,
         world="field",
     ),

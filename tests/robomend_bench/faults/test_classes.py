@@ -9,8 +9,9 @@ import pytest
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_text
-from robomend_bench.faults.classes import BY_NAME, CLASSES, FaultClass, draw
+from robomend_bench.faults.classes import CLASSES, FaultClass, draw
 from robomend_bench.faults.condition import abnormal, observed
+from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.generator import made
 from robomend_bench.faults.kinds import NODE_KINDS, Fault, begun
 from robomend_bench.faults.live import knows
@@ -34,8 +35,8 @@ def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
     assert len(able) >= (1 if described.name == "spare" else 2)
     for name in able:
         anatomy = find_robot(name).anatomy
-        scenario = draw(described.name, anatomy, random.Random(7))
-        assert scenario == draw(described.name, anatomy, random.Random(7))
+        scenario = draw(described, anatomy, random.Random(7))
+        assert scenario == draw(described, anatomy, random.Random(7))
         assert scenario.faults or scenario.blind is not None
         for fault in scenario.faults:
             assert abnormal(anatomy, begun(anatomy, fault)), fault
@@ -51,7 +52,7 @@ def test_every_kind_of_fault_is_planted_by_some_class() -> None:
 def test_both_faults_of_a_double_can_be_seen() -> None:
     anatomy = find_robot("base").anatomy
     for number in range(50):
-        first, second = draw("double", anatomy, random.Random(number)).faults
+        first, second = draw(BY_NAME["double"], anatomy, random.Random(number)).faults
         shows = [abnormal(anatomy, begun(anatomy, fault)) for fault in (first, second)]
         assert shows[0] - shows[1]
         assert shows[1] - shows[0]
