@@ -217,7 +217,7 @@ class Body:
                 node = self.anatomy.nodes[act.parameters[0]]
                 self._warm[node.name] = self.now_s + self._slowness * node.warm_s
                 self._reconnected.pop(node.name, None)
-                if node.hasty and any(self.now_s < self._up[device] for device in node.drives):
+                if self.would_fail(act):
                     state = condition.disconnected(state, node.name)
                 if condition.node_in(state, node.name).short_lived:
                     self._at(self.now_s + LIVES_S, partial(self._ends, node.name, len(self._answers)))
@@ -234,6 +234,13 @@ class Body:
 
         self._at(self.now_s + self._takes_s(act), done)
         return withdraw
+
+    def would_fail(self, act: Act) -> bool:
+        """Whether an act would come too early: the start of a driver whose device has not booted."""
+        if act.name != "start_node":
+            return False
+        node = self.anatomy.nodes[act.parameters[0]]
+        return node.hasty and any(self.now_s < self._up[device] for device in node.drives)
 
     def _ends(self, node: str, started: int) -> None:
         """A process has lived for long enough, unless it has been stopped since."""

@@ -59,7 +59,10 @@ BESIDE = "silent beside "
 PASSING = frozenset({"brown-out", "dip"})
 """What goes by itself, and leaves drivers with dead connections."""
 
-FOR_EVER = frozenset({"ends again and again", "second publisher", "complains"})
+AGAIN = frozenset({"ends again and again"})
+"""What goes by a start, and is there again after some time."""
+
+FOR_EVER = AGAIN | {"second publisher", "complains"}
 """What no act of the robot's repairs for good, whatever it looks like for a while."""
 
 
@@ -70,7 +73,7 @@ def begin(anatomy: Anatomy, state: State, fault: Fault) -> State:
         return put(state, fault.component, wrong)
     if fault.component in anatomy.nodes:
         return put(state, fault.component, NODE_KINDS[fault.kind])
-    return _DEVICES[fault.kind](anatomy, state, fault.component)
+    return DEVICE_KINDS[fault.kind](anatomy, state, fault.component)
 
 
 def lifted(anatomy: Anatomy, state: State, fault: Fault) -> State:
@@ -125,7 +128,7 @@ def _with(health: Health) -> Callable[[Anatomy, State, str], State]:
     return begin_it
 
 
-_DEVICES: Mapping[str, Callable[[Anatomy, State, str], State]] = {
+DEVICE_KINDS: Mapping[str, Callable[[Anatomy, State, str], State]] = {
     "off": lost_power,  # its relay opens
     "off for ever": _stuck,  # the same, and does not close any more
     "hung": _with(Health.HUNG),  # it works again when it has been without power

@@ -23,7 +23,7 @@ from robomend_bench.faults.policy import Belief, Repair
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
-from robomend_bench.faults.trial import Terms, robot_of, scenario_of
+from robomend_bench.faults.trial import Terms, longer_s, robot_of, scenario_of
 from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom, Literal
 
@@ -105,7 +105,8 @@ class _Play:
 
     def _over(self) -> bool:
         times = [at_s for at_s, _ in self.record.states] + [seen.at_s for seen in self.record.repairs]
-        quiet = self.now_s - max([0.0, *times]) > self.terms.quiet_s
+        quiet_s = self.terms.quiet_s + longer_s(self.robot, self.scenario)
+        quiet = self.now_s - max([0.0, *times]) > quiet_s
         return quiet and not self._due and not self._waiting and not self.agent.busy
 
     def _message(self, topic: str, at_s: float) -> None:
@@ -167,7 +168,8 @@ class _Perfect(_Idle):
             return
         self._acting = None
         if self._plan:
-            self._do(self._plan.pop(0))
+            if not self.play.body.would_fail(self._plan[0]):
+                self._do(self._plan.pop(0))
             return
         if not self._settled():
             return
@@ -320,7 +322,7 @@ class _Knowing(_Perfect):
         """Begin what need not wait for the answer of an act on something that it has to do with."""
         before = [each.act for each in self._under_way]
         for act in tuple(self._plan):
-            if not any(self._related(act, other) for other in before):
+            if not self.play.body.would_fail(act) and not any(self._related(act, other) for other in before):
                 self._plan.remove(act)
                 self._do(act)
                 assert self._acting is not None

@@ -20,7 +20,7 @@ from robomend_bench.faults.body import LIVES_S
 from robomend_bench.faults.classes import Planted, Reporting, Scenario, draw
 from robomend_bench.faults.consistency import contradictions
 from robomend_bench.faults.field import BY_NAME, world_of
-from robomend_bench.faults.kinds import PASSING
+from robomend_bench.faults.kinds import AGAIN, PASSING
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ, Preset, aspects_delay_s
 from robomend_bench.faults.record import ENDED, Record, Trial
@@ -115,6 +115,16 @@ async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record
     except Exception as error:  # noqa: BLE001  # whatever breaks a trial is told in its place; the others go on
         record.error = record.error or f"{type(error).__name__}: {error}"
     return record
+
+
+def longer_s(robot: Robot, scenario: Scenario) -> float:
+    """Return how much longer nothing must happen, in the field, until nothing more is to come."""
+    if robot.world != "field":
+        return 0.0
+    again_s = LIVES_S + 2.0 if any(fault.kind in AGAIN for fault in scenario.faults) else 0.0
+    reporting = scenario.reporting
+    reports_s = 2 * reporting.late_s + reporting.lifetime_s if reporting != Reporting() else 0.0
+    return max(again_s, 1.2 * scenario.longest_s, aspects_delay_s(robot.anatomy), reports_s)
 
 
 def _most_s(robot: Robot, scenario: Scenario, terms: Terms) -> float:
@@ -317,22 +327,8 @@ class _Play:
         enough_s = self._terms.quiet_s + (5.0 if waiting else 0.0)
         if live.scenario.slowness > 1.0 or live.scenario.blind is not None:
             enough_s += 5.0  # what starts slowly, or runs out, takes its time
-        if live.robot.world == "field":
-            enough_s += self._field_s
+        enough_s += longer_s(live.robot, live.scenario)
         return quiet_s > enough_s
-
-    @property
-    def _field_s(self) -> float:
-        """How much longer nothing must happen, in the field, until nothing more is to come."""
-        scenario = self._live.scenario
-        again_s = LIVES_S + 2.0 if any(f.kind == "ends again and again" for f in scenario.faults) else 0.0
-        reporting = scenario.reporting
-        return max(
-            again_s,
-            1.2 * scenario.longest_s,
-            aspects_delay_s(self._live.robot.anatomy),
-            2 * reporting.late_s + reporting.lifetime_s if reporting != Reporting() else 0.0,
-        )
 
     async def _read_repairs(self) -> None:
         """Read each repair as a person would: what it says of itself, and whether that is what happened."""

@@ -9,11 +9,11 @@ import pytest
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_text
-from robomend_bench.faults.classes import CLASSES, FaultClass, draw
+from robomend_bench.faults.classes import CLASSES, FaultClass, draw, universe_of
 from robomend_bench.faults.condition import abnormal, observed
-from robomend_bench.faults.field import BY_NAME
+from robomend_bench.faults.field import BY_NAME, FIELD
 from robomend_bench.faults.generator import made
-from robomend_bench.faults.kinds import NODE_KINDS, Fault, begun
+from robomend_bench.faults.kinds import BESIDE, DEVICE_KINDS, NODE_KINDS, Fault, begun
 from robomend_bench.faults.live import knows
 from robomend_bench.faults.policy import COSTS
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
@@ -45,8 +45,14 @@ def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
 
 
 def test_every_kind_of_fault_is_planted_by_some_class() -> None:
-    kinds = {fault.kind for robot in robots().values() for fault in robot.universe.weights}
-    assert kinds == {*NODE_KINDS, "off", "off for ever", "broken"}
+    found = [find_robot(name) for name in robot_names("field")]
+    kinds = {
+        fault.kind
+        for robot in found
+        for fault in universe_of(robot.anatomy, (*CLASSES, *FIELD)).weights
+        if not fault.kind.startswith(BESIDE)
+    }
+    assert kinds == {*NODE_KINDS, *DEVICE_KINDS}
 
 
 def test_both_faults_of_a_double_can_be_seen() -> None:
@@ -58,7 +64,7 @@ def test_both_faults_of_a_double_can_be_seen() -> None:
         assert shows[1] - shows[0]
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", robot_names("field"))
 def test_the_model_is_accepted_and_no_fault_contradicts_it(name: str) -> None:
     robot = find_robot(name)
     system = load_text(robot.model, name=name)
