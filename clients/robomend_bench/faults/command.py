@@ -287,15 +287,18 @@ def _faults(
 def judge(records: Sequence[Record], report: Report) -> None:
     """Score the records into the report; those that are no measurements are named, with the reason.
 
-    Where the computer is kept busy on purpose, that the service has to wait is what is measured.
+    Where the computer is kept busy on purpose, and in the field, that the service has to wait is measured.
     """
     for record in records:
         if record.error:
             report.errors.append((str(record.trial), record.error))
-        elif (late_s := max(record.late_s, 0.0 if report.load else record.starved_s)) > LATE_S:
+            continue
+        robot = robot_of(record.trial, report.topics_hz)
+        waits = bool(report.load) or robot.world == "field"
+        if (late_s := max(record.late_s, 0.0 if waits else record.starved_s)) > LATE_S:
             report.late.append((str(record.trial), late_s))
         else:
-            report.scores.append(score(record, robot_of(record.trial, report.topics_hz)))
+            report.scores.append(score(record, robot))
 
 
 def _kept(path: Path, terms: dict[str, Any]) -> Kept:
@@ -376,8 +379,9 @@ def _write(out: Path, records: Sequence[Record], report: Report) -> None:
     stem = f"faults-{report.observers}"
     (out / f"{stem}.json").write_text(json.dumps(report.as_json(), indent=1))
     (out / f"{stem}.md").write_text(report.markdown())
-    well = {s.trial for s in report.scores if s.group != "healthy" and s.right and not s.wrong}
-    well |= {s.trial for s in report.scores if s.group == "healthy" and not s.acts and not s.alarms}
+    scores = [s for s in report.scores if not (s.credited or s.called_healthy or s.left_stopped)]
+    well = {s.trial for s in scores if s.group != "healthy" and s.right and not s.wrong}
+    well |= {s.trial for s in scores if s.group == "healthy" and not s.acts and not s.alarms}
     folder = out / f"{stem}-records"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.txt"):

@@ -158,6 +158,7 @@ class HostObservers:
         self._running: frozenset[str] | None = None
         self._on: dict[str, bool] | None = None
         self._table_ns = 0
+        self._drained_ns = 0  # before it nothing that is sampled counts
 
     @property
     def faulty(self) -> bool:
@@ -187,7 +188,7 @@ class HostObservers:
             at_ns, _, topic, values = heappop(self._messages)
             for source, key in self._fields[topic]:
                 changes += self.driver.sample(source, at_ns, values.get(key) if key else None, at_ns)
-        if running != self._running or now_ns >= self._table_ns:
+        if (running != self._running and now_ns >= self._drained_ns) or now_ns >= self._table_ns:
             self._running = running
             self._table_ns = (now_ns // TABLE_NS + 1) * TABLE_NS
             self._on = None  # the relays are read as often: who is to judge anew must hear of them again
@@ -200,7 +201,8 @@ class HostObservers:
 
     def lapse(self, until_s: float) -> None:
         """The agent was held up until now: it sees that, as robomend_client.agent.watch does."""
-        self._changes += self.driver.lapse(self._ns(until_s + DRAIN_S))
+        self._drained_ns = self._table_ns = self._ns(until_s + DRAIN_S)
+        self._changes += self.driver.lapse(self._drained_ns)
 
     def settle(self, n: int, atoms: Collection[Atom]) -> None:
         """The service wants these atoms judged anew."""

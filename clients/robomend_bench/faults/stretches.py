@@ -88,7 +88,7 @@ async def _starved(live: LiveRobot, chance: random.Random) -> None:
     live.note(f"agent {agent.name} gets a tenth of a core")
     for _ in range(30):
         live.hold_up(agent.host, wholly=True)
-        await asyncio.sleep(0.9)
+        await asyncio.sleep(chance.uniform(0.7, 1.1))
         live.resume(agent.host)
         await asyncio.sleep(0.1)
     live.note(f"agent {agent.name} runs as before")
