@@ -26,10 +26,10 @@ from robomend_bench.faults.field import BY_NAME, WORLDS
 from robomend_bench.faults.kept import Kept, OtherTerms
 from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ
 from robomend_bench.faults.record import Record, Trial, parse_trial
-from robomend_bench.faults.report import Report
+from robomend_bench.faults.report import Report, beside_json, beside_table
 from robomend_bench.faults.robot import find_robot, robot_names
-from robomend_bench.faults.scoring import score
-from robomend_bench.faults.standins import STANDINS, play_with
+from robomend_bench.faults.scoring import Score, score
+from robomend_bench.faults.standins import IN_USE, STANDINS, play_with
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
 from robomend_bench.faults.trial import Terms, robot_of
 from robomend_bench.service.process import NotReady
@@ -127,10 +127,15 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 )
 @click.option(
     "--agent",
-    type=click.Choice(["service", *STANDINS]),
+    type=click.Choice(["service", *STANDINS, *IN_USE]),
     default="service",
     show_default=True,
     help="Who repairs: the service, or a scripted stand-in: what can be reached, what idling gets.",
+)
+@click.option(
+    "--beside",
+    is_flag=True,
+    help="The same faults for what people use today as well, in one table: faults only.",
 )
 @click.option(
     "--boots",
@@ -165,6 +170,7 @@ def command(
     load: int,
     jobs: int | None,
     agent: str,
+    beside: bool,
     boots: bool,
     only_trial: Trial | None,
     verbose: bool,
@@ -182,6 +188,7 @@ def command(
     robomend-bench faults --classes boot --stretches 20
     robomend-bench faults --observers fast --topics-hz 10
     robomend-bench faults --world field                what people report of their robots
+    robomend-bench faults --beside                     beside what people use today
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
@@ -190,7 +197,9 @@ def command(
     What each figure means: docs/score.md.
     """
     terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots, topics_hz=topics_hz)
+    stretches = 0 if beside else stretches
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
+    everything = list(wanted)
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
     jobs = jobs or (3 if load else 8)
@@ -235,8 +244,16 @@ def command(
     if verbose and only_trial is None:
         for record in records:
             click.echo("\n".join((str(record.trial), *record.lines(), "")), err=True)
+    rows: dict[str, list[Score]] = {}
+    if beside:
+        rows = {"robomend" if agent == "service" else agent: report.group("faults")}
+        rows |= {says: _scores_of(name, everything, terms) for name, says in IN_USE.items()}
     if output == "json":
-        click.echo(json.dumps(report.as_json(), indent=1))
+        click.echo(
+            json.dumps({**report.as_json(), **({"beside": beside_json(rows)} if rows else {})}, indent=1)
+        )
+    elif rows:
+        click.echo("\n".join(beside_table(rows)))
     elif only_trial is not None:
         for record in records:
             click.echo("\n".join(record.lines()))
@@ -245,6 +262,13 @@ def command(
         click.echo(report.markdown(), nl=False)
     if report.errors:
         sys.exit(3)
+
+
+def _scores_of(standin: str, trials: Sequence[Trial], terms: Terms) -> list[Score]:
+    """Return what a stand-in makes of the faults among the trials; its clock is simulated."""
+    found = Report("", terms.observers, standin, 0, 1, [], [], [])
+    judge([play_with(standin, trial, terms) for trial in trials], found)
+    return found.group("faults")
 
 
 def choose(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -206,6 +206,48 @@ def _by(
             f"{quantile(times, 0.5):.1f} s" if times else "–",
         ]
         yield f"| {' | '.join(cells)} |"
+
+
+def beside_table(rows: Mapping[str, Sequence[Score]]) -> Iterator[str]:
+    """Yield one line for each that had the same faults."""
+    yield (
+        "| | repaired | escalated, named | called repaired that were not | wrong acts | power cuts "
+        "| detection → repaired, median / 90th percentile | fault → repaired | less what it decides |"
+    )
+    yield "| --- |" + " ---: |" * 8
+    for name, scores in rows.items():
+        mended = [s for s in scores if s.repairable]
+        hopeless = [s for s in scores if s.repairable is False]
+        acts = sum(s.acts for s in scores)
+        timed = [s for s in scores if s.repaired_s is not None and s.detection_s is not None]
+        repaired_s = [s.repaired_s or 0.0 for s in timed]
+        since_s = [(s.repaired_s or 0.0) + (s.detection_s or 0.0) for s in timed]
+        less_s = [(s.repaired_s or 0.0) - s.parts.get(str(Part.DECIDES), 0.0) for s in timed]
+        cells = [
+            name,
+            _of(sum(bool(s.repaired) for s in mended), len(mended)),
+            _of(sum(bool(s.escalated and s.cause_named) for s in hopeless), len(hopeless)),
+            str(sum(bool(s.false_repaired) for s in scores)),
+            f"{_percent(sum(len(s.wrong) for s in scores), acts)} of {acts}",
+            str(sum(s.cuts for s in scores)),
+            *(_two(times) for times in (repaired_s, since_s, less_s)),
+        ]
+        yield f"| {' | '.join(cells)} |"
+
+
+def beside_json(rows: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
+    """Return the figures of each that had the same faults."""
+    return {name: _figures_json(of_faults(scores)) for name, scores in rows.items() if scores}
+
+
+def _percent(some: int, count: int) -> str:
+    return f"{100 * some / count:.1f}%" if count else "–"
+
+
+def _two(times_s: Sequence[float]) -> str:
+    if not times_s:
+        return "–"
+    return f"{quantile(times_s, 0.5):.1f} / {quantile(times_s, 0.9):.1f} s"
 
 
 def _where_time_goes(scores: Sequence[Score]) -> Iterator[str]:

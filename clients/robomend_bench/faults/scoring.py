@@ -69,6 +69,7 @@ class Score:
     false_repaired: list[str] = field(default_factory=list)
     contradicted: list[str] = field(default_factory=list)
     acts: int = 0
+    cuts: int = 0  # acts that take power away
     wrong: list[str] = field(default_factory=list)
     best_acts: int | None = None
     best_exact: bool = True
@@ -180,8 +181,9 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
         if batch.agent == SECOND_EAR:
             continue
         until_s = batch.at_s + batch.lifetime_s
-        now = {literal.atom: (until_s, literal.positive) for literal in batch.literals}
-        now |= dict.fromkeys(batch.unknown, (until_s, None))
+        values: dict[Atom, bool | None] = {each.atom: each.positive for each in batch.literals}
+        values |= dict.fromkeys(batch.unknown)
+        now = {atom: (until_s, value) for atom, value in values.items()}
         if batch.at_s > at_s - GRACE_S:
             fresh |= {atom for atom, (_, positive) in now.items() if positive}
         if batch.at_s <= at_s + LAPSE_GRACE_S:
@@ -349,6 +351,7 @@ class _Scoring:
     def _acts(self) -> None:
         found = self.found
         found.acts = len(self.acts)
+        found.cuts = sum(acted.act.name in ("shutdown", "reset_bus") for acted in self.acts)
         early = [acted for acted in self.record.acts if acted.at_s < 0]
         found.wrong = [f"{acted.at_s:.2f} s: {acted.act}" for acted in early]
         counts: dict[Act, int] = {}
