@@ -7,9 +7,14 @@ POST …/actions/next ──► Actions ──► the simulated robot ──► 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection
+import random
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
+from robomend_bench.faults.classes import Reporting
 from robomend_bench.faults.condition import Act
 from robomend_bench.faults.observing import HostObservers
 from robomend_client.actions import Action, ActionResult, Feedback
@@ -21,12 +26,66 @@ from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.rest.asynchronous import AsyncClient
+from robomend_client.rest.calls import Call
+from robomend_client.rest.errors import Unreachable
+from robomend_client.rest.retry import Retry
 
-HEARTBEAT_S, LIFETIME_S = 1.0, 5.0
-"""The agent's defaults."""
+USUAL = Reporting()
+
+SECOND_EAR = "second-ear"
+"""An agent that contradicts another."""
+
+CUT_S = 0.2
+"""How long it takes to see that nobody can be reached."""
+
+T = TypeVar("T")
 
 CarryOut = Callable[[Act, str], Awaitable[ActionResult]]
 """Does an act on the simulated robot, for the agent of this name."""
+
+
+class Line(AsyncClient):
+    """The way from an agent to the service: it may be cut, held up, slow, and of an agent of long ago.
+
+    Everything that the agent sends goes this way; `noted` is told of each batch of observations that arrived.
+    """
+
+    def __init__(
+        self,
+        client: AsyncClient,
+        reporting: Reporting,
+        seed: str,
+        noted: Callable[[Mapping[str, Any]], None] = lambda batch: None,
+    ) -> None:
+        # Not a connection of its own: `client` has it.
+        self._client = client
+        self._reporting = reporting
+        self._chance = random.Random(f"line {seed}")
+        self._noted = noted
+        self.open = asyncio.Event()  # the agent runs
+        self.open.set()
+        self.cut = False  # nothing gets through
+
+    async def send(self, call: Call[T], retry: Retry | None = None) -> T:
+        """Send one call, as the line allows."""
+        reports = call.path.endswith("/observations")
+        if reports and self._reporting.late_s:
+            await asyncio.sleep(self._chance.random() * self._reporting.late_s)
+        await self.open.wait()
+        if self.cut:
+            await asyncio.sleep(CUT_S)
+            raise Unreachable("the link is down")
+        answer = await self._client.send(self._as_of_old(call) if self._reporting.old else call, retry)
+        await self.open.wait()
+        if reports:
+            self._noted(call.json)
+        return answer
+
+    def _as_of_old(self, call: Call[T]) -> Call[T]:
+        if not isinstance(call.json, dict):
+            return call
+        unknown_then = {"since", "onset", "settled", "readings", "observes", "can"}
+        return replace(call, json={key: v for key, v in call.json.items() if key not in unknown_then})
 
 
 class HostAgent:
@@ -40,12 +99,17 @@ class HostAgent:
         folder: Path,
         knows: Collection[Act],
         carry_out: CarryOut,
+        reporting: Reporting = USUAL,
+        noted: Callable[[str, Mapping[str, Any]], None] = lambda agent, batch: None,
     ) -> None:
         """`clients` are for reports and for orders; `knows` are the acts that this host can do."""
         self.host = host
         self.name = host or "onboard"
         self._robot = robot
-        self._reports, self._orders = clients
+        self._reporting = reporting
+        self._reports, self._orders = self.lines = [
+            Line(client, reporting, f"{robot} {self.name}", partial(noted, self.name)) for client in clients
+        ]
         self._folder = folder / self.name
         self._knows = frozenset(knows)
         self._carry_out = carry_out
@@ -64,15 +128,16 @@ class HostAgent:
         self.reporter = VerdictReporter(
             outbox,
             f"agent {self.name}",
-            HEARTBEAT_S,
-            LIFETIME_S,
+            self._reporting.heartbeat_s,
+            self._reporting.lifetime_s,
             observers.standing,
             _ObserversClock(observers),
         )
         memory = FirstResults(self._folder / "results.jsonl")
         acts = sorted(self._knows, key=str)
         executors = Executors(self.name, [_SimulatedExecutor(a, self.name, self._carry_out) for a in acts])
-        self._actions = Actions(self._orders, self._robot, self.name, executors, memory, self.host, observers)
+        watch = None if self._reporting.old else observers
+        self._actions = Actions(self._orders, self._robot, self.name, executors, memory, self.host, watch)
         self._tasks = [
             asyncio.create_task(self.reporter.run(), name=f"reports of {self._robot}"),
             asyncio.create_task(self._actions.pull(), name=f"orders of {self._robot}"),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from robomend_client.literals import Literal, holds
+from robomend_client.literals import Atom, Literal, holds, parse_atom
 
 SILENCE_PERIODS = 2.5
 """A node stops publishing when an input has been silent for so many of its periods."""
@@ -30,6 +30,7 @@ class Device:
     boot_s: float = 0.4  # from power to working
     spare: str | None = None  # the device that can stand in for it
     bus: str | None = None  # a bus that can be reset
+    links: str = ""  # a host that is heard by it
 
     @property
     def switchable(self) -> bool:
@@ -51,6 +52,8 @@ class Node:
     stop_s: float = 0.1
     warm_s: float = 0.3  # from running to the first message
     kicks: bool = False  # starved of inputs, it still publishes now and then: this is what starts a loop
+    reconnects: bool = False  # when its device has been without power, it is with it again by itself
+    hasty: bool = False  # started before its device has booted, it holds a dead connection
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +64,28 @@ class Topic:
     rate_hz: float = 10.0
     tolerance_hz: float = 2.0
     observed: bool = True
+    latched: bool = False  # one message at its publisher's start, which is kept for who comes later
+    values: Mapping[str, str | float] = field(default_factory=dict)
+    """Field -> what it does: `wave`, `clock`, `whole seconds`, `status of DEVICE`, or a number."""
 
     @property
     def period_s(self) -> float:
         return 1.0 / self.rate_hz
+
+
+@dataclass(frozen=True, slots=True)
+class Aspect:
+    """What is observed beside rates and processes, and on what in the truth it depends."""
+
+    atom: Atom
+    observer: Mapping[str, Any]  # as the agent's file says it
+    host: str | None = None
+    flows: tuple[str, ...] = ()  # topics without which it is unknown
+    still: tuple[
+        str, ...
+    ] = ()  # topics; it is bad where the value of one of them, and not of all, stands still
+    silent: tuple[str, ...] = ()  # topics; it is bad where one of them is silent
+    status: str = ""  # a device; it is bad while that complains
 
 
 @dataclass(frozen=True)
@@ -74,6 +95,7 @@ class Anatomy:
     devices: Mapping[str, Device]
     nodes: Mapping[str, Node]
     topics: Mapping[str, Topic]
+    aspects: tuple[Aspect, ...] = ()
     power: str = "board"  # who switches the channels: the emulated "board", or the host's "agent"
     channels: int = 10
 
@@ -140,6 +162,7 @@ class Anatomy:
                 *(holds("on", device.name) for device in self.devices.values() if device.switchable),
                 *(holds("running", node) for node in self.nodes),
                 *(holds("ok", topic.name) for topic in self.topics.values() if topic.observed),
+                *(Literal(aspect.atom, True) for aspect in self.aspects),
             )
         )
 
@@ -166,11 +189,14 @@ def read_anatomy(model: Mapping[str, Any], physics: Mapping[str, Any]) -> Anatom
         KeyError: the physics speak of something that the model does not have.
     """
     devices, nodes = physics.get("devices", {}), physics.get("nodes", {})
-    unobserved = set(physics.get("unobserved", ()))
-    topics = {name: _topic(name, value or {}, unobserved) for name, value in model.get("topics", {}).items()}
+    unobserved, more = set(physics.get("unobserved", ())), physics.get("topics", {})
+    topics = {
+        name: _topic(name, value or {}, unobserved, more.get(name, {}))
+        for name, value in model.get("topics", {}).items()
+    }
     for value in model["nodes"].values():
         for name in value.get("publishes", {}):
-            topics.setdefault(name, _topic(name, {}, unobserved))
+            topics.setdefault(name, _topic(name, {}, unobserved, more.get(name, {})))
     parts = Anatomy(
         devices={
             name: _device(name, value or {}, devices.get(name, {}))
@@ -181,18 +207,27 @@ def read_anatomy(model: Mapping[str, Any], physics: Mapping[str, Any]) -> Anatom
             for name, value in model["nodes"].items()
         },
         topics=topics,
+        aspects=tuple(_aspect(name, value) for name, value in physics.get("aspects", {}).items()),
         power=physics.get("power", "board"),
         channels=model.get("channels", 10),
     )
-    for name in (*devices, *nodes, *unobserved):
+    for name in (*devices, *nodes, *unobserved, *more):
         if name not in parts.devices and name not in parts.nodes and name not in parts.topics:
             raise KeyError(f"physics of {name!r}, which the model does not have")
     return parts
 
 
-def _topic(name: str, value: Mapping[str, Any], unobserved: set[str]) -> Topic:
+def _topic(name: str, value: Mapping[str, Any], unobserved: set[str], physics: Mapping[str, Any]) -> Topic:
     rate = float(value.get("rate_hz", 10.0))
-    return Topic(name, rate, float(value.get("tolerance_hz", rate / 5)), name not in unobserved)
+    tolerance = float(value.get("tolerance_hz", rate / 5))
+    return Topic(name, rate, tolerance, name not in unobserved, **physics)
+
+
+def _aspect(name: str, value: Mapping[str, Any]) -> Aspect:
+    lists = {key: tuple(value.get(key, ())) for key in ("flows", "still", "silent")}
+    return Aspect(
+        parse_atom(name), value["observer"], value.get("host"), status=value.get("status", ""), **lists
+    )
 
 
 def _device(name: str, value: Mapping[str, Any], physics: Mapping[str, Any]) -> Device:

@@ -16,6 +16,7 @@ import gc
 import math
 import os
 import random
+import signal
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
@@ -56,6 +58,8 @@ while os.getppid() == parent:
     while time.monotonic() < end:
         pass
 """
+
+STARVED_FOR_S, STARVED_EACH_S = 30.0, 45.0
 
 Done = Callable[[Record], None]
 
@@ -98,6 +102,11 @@ class Bench:
     def clock(self) -> float:
         """Return the time of the bench."""
         return time.monotonic()
+
+    @property
+    def service_pid(self) -> int:
+        """The service's process; 0 while there is none."""
+        return 0 if self._served is None else self._served.pid
 
     def join(self, live: LiveRobot) -> None:
         """Let time pass for a robot, and hand it its events."""
@@ -291,10 +300,10 @@ async def run_trials(
     Stretches in which the service restarts share services of their own, after everything else. `until_s`, by
     the monotonic clock: after it no trial is begun; those that were not have no record.
     """
-    shared = [
-        t for t in trials if t.cls not in STRETCH_BY_NAME or not STRETCH_BY_NAME[t.cls].service_restarts
-    ]
-    own = [trial for trial in trials if trial not in shared]
+    by_service: dict[str, list[Trial]] = {"": []}
+    for trial in trials:
+        by_service.setdefault(_to_service(trial), []).append(trial)
+    shared = by_service.pop("")
     found: dict[Trial, Record] = {}
     ticks: list[float] = []
     for trial in trials:
@@ -303,7 +312,8 @@ async def run_trials(
     gc.freeze()
     with busy(load), going_first() as usual:
         groups = [shared] if shared else []
-        groups += [own[at : at + jobs] for at in range(0, len(own), jobs)]
+        for own in by_service.values():
+            groups += [own[at : at + jobs] for at in range(0, len(own), jobs)]
         for group in groups:
             if time.monotonic() >= until_s:
                 break
@@ -325,7 +335,8 @@ async def _run_group(
     until_s: float,
 ) -> None:
     waiting = list(enumerate(group))[::-1]
-    restarting = asyncio.create_task(_restarts(bench, group)) if _all_restart(group) else None
+    what = _to_service(group[0])
+    disturbing = asyncio.create_task(DISTURBANCES[what](bench, group)) if what else None
 
     async def work(number: int) -> None:
         # Not all at once: robots that boot together are a load of their own.
@@ -343,9 +354,9 @@ async def _run_group(
     try:
         await asyncio.gather(*(work(number) for number in range(min(jobs, len(group)))))
     finally:
-        if restarting is not None:
-            restarting.cancel()
-            await asyncio.gather(restarting, return_exceptions=True)
+        if disturbing is not None:
+            disturbing.cancel()
+            await asyncio.gather(disturbing, return_exceptions=True)
 
 
 @contextmanager
@@ -355,8 +366,9 @@ def _folder(within: Path | None = None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _all_restart(group: Sequence[Trial]) -> bool:
-    return all(t.cls in STRETCH_BY_NAME and STRETCH_BY_NAME[t.cls].service_restarts for t in group)
+def _to_service(trial: Trial) -> str:
+    """Return what is done to the service of a trial."""
+    return (STRETCH_BY_NAME.get(trial.cls) or BY_NAME[trial.cls]).to_service
 
 
 async def _restarts(bench: Bench, group: Sequence[Trial]) -> None:
@@ -367,3 +379,53 @@ async def _restarts(bench: Bench, group: Sequence[Trial]) -> None:
         await asyncio.sleep(chance.uniform(3.0, 8.0))
         with contextlib.suppress(NotReady):
             await bench.restart_service(kill=bool(number % 2))
+
+
+async def _starve_owner(bench: Bench, group: Sequence[Trial]) -> None:
+    """Leave the service's main process a tenth of a core for 30 s of each 45."""
+    await _starve(bench, lambda: [bench.service_pid])
+
+
+async def _starve_workers(bench: Bench, group: Sequence[Trial]) -> None:
+    """The same of its workers: planners and engines."""
+    await _starve(bench, lambda: descendants(bench.service_pid))
+
+
+async def _starve(bench: Bench, processes: Callable[[], list[int]]) -> None:
+    stopped: list[int] = []
+    try:
+        while True:
+            await asyncio.sleep(STARVED_EACH_S - STARVED_FOR_S)
+            for _ in range(round(STARVED_FOR_S)):
+                stopped = [one for one in processes() if one]
+                _signal(stopped, signal.SIGSTOP)
+                await asyncio.sleep(0.9)
+                _signal(stopped, signal.SIGCONT)
+                stopped = []
+                await asyncio.sleep(0.1)
+    finally:
+        _signal(stopped, signal.SIGCONT)
+
+
+def _signal(processes: Sequence[int], what: signal.Signals) -> None:
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, what)
+
+
+def descendants(process: int) -> list[int]:
+    """Return the processes that a process has begun, and those that these have."""
+    found: list[int] = []
+    for file in Path(f"/proc/{process}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            for child in map(int, file.read_text().split()):
+                found += [child, *descendants(child)]
+    return found
+
+
+DISTURBANCES = {
+    "restart": _restarts,
+    "starve the owner": _starve_owner,
+    "starve the workers": _starve_workers,
+}
+"""What is done to services that have trials of their own."""

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from heapq import heappop, heappush
 
 from robomend_bench.faults import condition, kinds
@@ -26,6 +27,15 @@ JITTER = 0.03
 
 KICK_PERIODS = 5
 """A node that kicks publishes every so many periods although its inputs are silent."""
+
+RECONNECTS_S = 1.0
+"""How long a driver that reconnects by itself takes, from when its device works."""
+
+LIVES_S = 20.0
+"""How long each process of a program lives that ends again and again."""
+
+WAVE_S = 7.0
+"""The period of values that go up and down."""
 
 AGENT_SWITCHES_S = 0.05
 """How long a switch takes that the robot's own computer does."""
@@ -53,6 +63,8 @@ class Body:
         self.anatomy = anatomy
         self.state: State = HEALTHY
         self.now_s = start_s
+        self._answers: list[Act] = []  # what was done, in order
+        self.latched: set[str] = set()  # topics of which a message is kept for who comes later
         self.hiccups = False  # now and then a message comes late, within what its observer tolerates
         self._slowness = slowness
         self._chance = random.Random(f"body {seed}")
@@ -67,9 +79,16 @@ class Body:
         self._up: dict[str, float] = dict.fromkeys(anatomy.devices, -math.inf)
         self._from: dict[str, float] = {}  # topic -> when its publisher can publish it; inf: not as it is
         self._half: frozenset[str] = frozenset()
+        self._fast: frozenset[str] = frozenset()
+        self._doubled: frozenset[str] = frozenset()
+        self._still: dict[str, float] = {}  # topic -> since when its values stand still
+        self._reconnected: dict[str, float] = {}  # node -> when it is with its device again
         self._settle()
         for topic in anatomy.topics.values():
-            self._at(start_s + self._chance.random() * topic.period_s, topic.name)
+            if topic.latched:
+                self._at(start_s, partial(self._latch, topic.name))
+            else:
+                self._at(start_s + self._chance.random() * topic.period_s, topic.name)
 
     # --- time
 
@@ -95,6 +114,11 @@ class Body:
         described = self.anatomy.topics[topic]
         self._at(at_s + described.period_s, topic)
         tick = self._ticks[topic] = self._ticks[topic] + 1
+        if topic in self._doubled:
+            self._at(
+                at_s + 0.5 * described.period_s,
+                partial(self._publish, topic, at_s + 0.5 * described.period_s),
+            )
         if at_s < self._from.get(topic, -math.inf) or (topic in self._half and tick % 2):
             return
         node = self.anatomy.publisher.get(topic)
@@ -103,6 +127,15 @@ class Body:
             fresh = all(self._heard(i, at_s) for i in publisher.publishes[topic])
             if not fresh and not (publisher.kicks and tick % KICK_PERIODS == 0):
                 return
+        self._publish(topic, at_s)
+        if topic in self._fast:
+            self._at(
+                at_s + 0.5 * described.period_s,
+                partial(self._publish, topic, at_s + 0.5 * described.period_s),
+            )
+
+    def _publish(self, topic: str, at_s: float) -> None:
+        described = self.anatomy.topics[topic]
         late_s = abs(self._chance.gauss(0.0, JITTER)) * described.period_s
         if self.hiccups and self._chance.random() < 0.02:
             late_s += self._chance.random() * hiccup_s(described.rate_hz, described.tolerance_hz)
@@ -111,7 +144,36 @@ class Body:
         self._last[topic] = max(self._last[topic], at_s + late_s)
         self._on_message(topic, self._last[topic])
 
+    def _latch(self, topic: str) -> None:
+        if self.anatomy.publisher[topic] not in self.running():
+            return
+        self.latched.add(topic)
+        self._last[topic] = self.now_s
+        self._on_message(topic, self.now_s)
+
+    def values(self, topic: str, at_s: float) -> Mapping[str, object]:
+        """Return the fields of a message that was sent at a time."""
+        at_s = min(at_s, self._still.get(topic, at_s))
+        return {field: self._value(what, at_s) for field, what in self.anatomy.topics[topic].values.items()}
+
+    def _value(self, what: str | float, at_s: float) -> object:
+        match what:
+            case "wave":
+                return math.sin(at_s * math.tau / WAVE_S)
+            case "clock":
+                return at_s
+            case "whole seconds":
+                return math.floor(at_s)
+            case str():
+                device = what.removeprefix("status of ")
+                level = int(condition.device_in(self.state, device).complains)
+                return {"name": device, "level": level, "message": "", "values": []}
+            case _:
+                return what
+
     def _heard(self, topic: str, at_s: float) -> bool:
+        if self.anatomy.topics[topic].latched:
+            return True
         return self._last[topic] >= at_s - SILENCE_PERIODS * self.anatomy.topics[topic].period_s
 
     # --- faults
@@ -154,6 +216,15 @@ class Body:
             if act.name == "start_node" and state != before:
                 node = self.anatomy.nodes[act.parameters[0]]
                 self._warm[node.name] = self.now_s + self._slowness * node.warm_s
+                self._reconnected.pop(node.name, None)
+                if self.would_fail(act):
+                    state = condition.disconnected(state, node.name)
+                if condition.node_in(state, node.name).short_lived:
+                    self._at(self.now_s + LIVES_S, partial(self._ends, node.name, len(self._answers)))
+                for topic in node.publishes:
+                    if self.anatomy.topics[topic].latched:
+                        self._at(self._warm[node.name], partial(self._latch, topic))
+            self._answers.append(act)
             self._change(state)
             answer(code, _told(act, code))
 
@@ -163,6 +234,18 @@ class Body:
 
         self._at(self.now_s + self._takes_s(act), done)
         return withdraw
+
+    def would_fail(self, act: Act) -> bool:
+        """Whether an act would come too early: the start of a driver whose device has not booted."""
+        if act.name != "start_node":
+            return False
+        node = self.anatomy.nodes[act.parameters[0]]
+        return node.hasty and any(self.now_s < self._up[device] for device in node.drives)
+
+    def _ends(self, node: str, started: int) -> None:
+        """A process has lived for long enough, unless it has been stopped since."""
+        if all(node not in act.parameters for act in self._answers[started + 1 :]):
+            self._change(condition.ended(self.state, node))
 
     def _takes_s(self, act: Act) -> float:
         node = self.anatomy.nodes.get(act.parameters[0])
@@ -196,6 +279,9 @@ class Body:
             has = condition.supplied(self.anatomy, state, name)
             if has and not had:
                 self._up[name] = self.now_s + device.boot_s
+                for driver in self.anatomy.drivers[name]:
+                    if self.anatomy.nodes[driver].reconnects:
+                        self._reconnected[driver] = self._up[name] + RECONNECTS_S
         self._settle()
         self._on_state(self.now_s, state)
 
@@ -203,16 +289,27 @@ class Body:
         """Find out from when on each topic can be published in the present state."""
         state, anatomy = self.state, self.anatomy
         half: list[str] = []
+        fast: list[str] = []
+        doubled: list[str] = []
+        still: dict[str, float] = {}
         for name, node in anatomy.nodes.items():
             wrong = condition.node_in(state, name)
             able = wrong.speaks and all(condition.works(anatomy, state, device) for device in node.drives)
             booted = [self._up[condition.source(anatomy, state, device)] for device in node.drives]
-            from_s = max([self._warm[name], *booted]) if able else math.inf
+            again_s = self._reconnected.get(name, -math.inf)
+            from_s = max([self._warm[name], again_s, *booted]) if able else math.inf
             for topic in node.publishes:
                 self._from[topic] = from_s
             if wrong.mood is condition.Mood.WRONG:
                 half += node.publishes
-        self._half = frozenset(half)
+            if wrong.mood is condition.Mood.FAST:
+                fast += node.publishes
+            if wrong.mood is condition.Mood.STILL:
+                still |= {topic: self._still.get(topic, self.now_s) for topic in node.publishes}
+            if wrong.doubled:
+                doubled += node.publishes
+        self._half, self._fast, self._doubled = frozenset(half), frozenset(fast), frozenset(doubled)
+        self._still = still
 
 
 def hiccup_s(rate_hz: float, tolerance_hz: float, window: int = 10) -> float:

@@ -10,8 +10,9 @@ the definition of the score and do not change.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from robomend_bench.faults.anatomy import Anatomy, Node
 from robomend_bench.faults.condition import abnormal
@@ -38,12 +39,31 @@ class Blind:
 
 
 @dataclass(frozen=True, slots=True)
+class Reporting:
+    """How the agents report; the defaults are robomend-agent's."""
+
+    heartbeat_s: float = 1.0
+    lifetime_s: float = 5.0
+    late_s: float = 0.0  # each report is on its way for up to so long
+    old: bool = False  # as before evidence had dates: no `since`, no `settle`, no `can`
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One trial: what begins when, and who watches."""
 
     planted: tuple[Planted, ...] = ()
     blind: Blind | None = None
     slowness: float = 1.0  # of every node's start and warming up
+    # Component -> in what it differs from the robot's own.
+    physics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    times_known: bool = False  # whether the model says how long devices boot and nodes start
+    boots: bool = False  # whether the service sees the robot being switched on before its fault
+    reporting: Reporting = Reporting()
+    disturbed: str = ""  # a stretch whose disturbance begins with the fault
+    stamped: str = ""  # a topic whose stamps, in whole seconds, are watched by their trend
+    cut_off: str = ""  # the host that nobody hears while the fault is there
+    longest_s: float = 0.0  # a boot or start of this robot may take so long
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -63,20 +83,21 @@ class FaultClass:
     faults: Callable[[Anatomy], list[Fault]]
     draw: Draw | None = None  # None: one of `faults`, for good
     apart: bool = False  # an observer is at fault: counted apart
+    to_service: str = ""  # what is done to the service meanwhile, which then is one of its own
 
 
 # --- what can be broken ----------------------------------------------------------------------------------
 
 
-def _all(anatomy: Anatomy) -> Iterator[Fault]:
-    yield from _power(anatomy, "off")
-    yield from _devices(anatomy, "hung")
-    yield from _nodes(anatomy, "dead", "hung", "half-rate")
-    yield from _nodes(anatomy, "dead", "hung", loops=True)
+def any_fault(anatomy: Anatomy) -> Iterator[Fault]:
+    yield from relays(anatomy, "off")
+    yield from devices_with(anatomy, "hung")
+    yield from nodes_with(anatomy, "dead", "hung", "half-rate")
+    yield from nodes_with(anatomy, "dead", "hung", loops=True)
 
 
-def _nodes(anatomy: Anatomy, *kinds: str, loops: bool = False) -> list[Fault]:
-    return _seen(
+def nodes_with(anatomy: Anatomy, *kinds: str, loops: bool = False) -> list[Fault]:
+    return seen(
         anatomy,
         (
             Fault(name, kind)
@@ -87,22 +108,22 @@ def _nodes(anatomy: Anatomy, *kinds: str, loops: bool = False) -> list[Fault]:
     )
 
 
-def _seen(anatomy: Anatomy, faults: Iterator[Fault]) -> list[Fault]:
+def seen(anatomy: Anatomy, faults: Iterator[Fault]) -> list[Fault]:
     """Leave out what nobody can see."""
     return [fault for fault in faults if abnormal(anatomy, begun(anatomy, fault))]
 
 
-def _is_feeder(anatomy: Anatomy, device: str) -> bool:
+def is_feeder(anatomy: Anatomy, device: str) -> bool:
     return len(anatomy.fed[device]) > 1
 
 
-def _power(anatomy: Anatomy, kind: str, *, feeders: bool = False) -> list[Fault]:
-    return _seen(
+def relays(anatomy: Anatomy, kind: str, *, feeders: bool = False) -> list[Fault]:
+    return seen(
         anatomy,
         (
             Fault(name, kind)
             for name, device in anatomy.devices.items()
-            if device.switchable and not device.protected and _is_feeder(anatomy, name) == feeders
+            if device.switchable and not device.protected and is_feeder(anatomy, name) == feeders
         ),
     )
 
@@ -114,13 +135,13 @@ def _can_be_cycled(anatomy: Anatomy, device: str) -> bool:
     return own or described.bus is not None or any(_can_be_cycled(anatomy, f) for f in described.fed_by)
 
 
-def _devices(anatomy: Anatomy, kind: str, *, feeders: bool = False, spare: bool = False) -> list[Fault]:
-    return _seen(
+def devices_with(anatomy: Anatomy, kind: str, *, feeders: bool = False, spare: bool = False) -> list[Fault]:
+    return seen(
         anatomy,
         (
             Fault(name, kind)
             for name, device in anatomy.devices.items()
-            if _is_feeder(anatomy, name) == feeders
+            if is_feeder(anatomy, name) == feeders
             and (device.spare is not None) == spare
             and (kind != "hung" or _can_be_cycled(anatomy, name))
             and not device.protected
@@ -129,21 +150,21 @@ def _devices(anatomy: Anatomy, kind: str, *, feeders: bool = False, spare: bool 
 
 
 def _feeds(anatomy: Anatomy) -> list[Fault]:
-    return [*_power(anatomy, "off", feeders=True), *_devices(anatomy, "hung", feeders=True)]
+    return [*relays(anatomy, "off", feeders=True), *devices_with(anatomy, "hung", feeders=True)]
 
 
 def _dead_devices(anatomy: Anatomy) -> list[Fault]:
-    stuck = [f for f in _power(anatomy, "off for ever") if anatomy.devices[f.component].spare is None]
-    return [*_devices(anatomy, "broken"), *stuck]
+    stuck = [f for f in relays(anatomy, "off for ever") if anatomy.devices[f.component].spare is None]
+    return [*devices_with(anatomy, "broken"), *stuck]
 
 
 def _spares(anatomy: Anatomy) -> list[Fault]:
-    return _devices(anatomy, "broken", spare=True)
+    return devices_with(anatomy, "broken", spare=True)
 
 
 def _loops(anatomy: Anatomy) -> list[Fault]:
     """Return faults of nodes in loops, and of what feeds loops from outside."""
-    found = _nodes(anatomy, "dead", "hung", loops=True)
+    found = nodes_with(anatomy, "dead", "hung", loops=True)
     outside = {
         anatomy.publisher[topic]
         for name in anatomy.loops
@@ -151,10 +172,10 @@ def _loops(anatomy: Anatomy) -> list[Fault]:
         for topic in inputs
         if topic in anatomy.publisher and anatomy.publisher[topic] not in anatomy.loops
     }
-    return found + [fault for fault in _nodes(anatomy, "dead", "hung") if fault.component in outside]
+    return found + [fault for fault in nodes_with(anatomy, "dead", "hung") if fault.component in outside]
 
 
-def _followers(anatomy: Anatomy) -> list[tuple[Node, Node]]:
+def followers(anatomy: Anatomy) -> list[tuple[Node, Node]]:
     """Return pairs of a node and one that needs what it publishes, neither of them in a loop."""
     return [
         (anatomy.nodes[anatomy.publisher[topic]], node)
@@ -176,7 +197,7 @@ def _one(faults: list[Fault], chance: random.Random) -> Scenario:
 
 def _two(anatomy: Anatomy, chance: random.Random) -> tuple[Fault, Fault]:
     """Draw two faults of which each shows something that the other does not."""
-    faults = list(_all(anatomy))
+    faults = list(any_fault(anatomy))
     shows = {fault: abnormal(anatomy, begun(anatomy, fault)) for fault in faults}
     for _ in range(1000):
         first, second = chance.sample(faults, 2)
@@ -194,7 +215,7 @@ def _double(anatomy: Anatomy, chance: random.Random) -> Scenario:
 
 def _cascade(anatomy: Anatomy, chance: random.Random) -> Scenario:
     """A node hangs, and one that needs it crashes some time later."""
-    first, second = chance.choice(_followers(anatomy))
+    first, second = chance.choice(followers(anatomy))
     later_s = chance.uniform(0.5, 2.0)
     return Scenario((Planted(Fault(first.name, "hung")), Planted(Fault(second.name, "dead"), later_s)))
 
@@ -207,7 +228,7 @@ def _mid_repair(anatomy: Anatomy, chance: random.Random) -> Scenario:
 
 def _intermittent(anatomy: Anatomy, chance: random.Random) -> Scenario:
     """A node hangs and comes back, again and again; restarted, it is well."""
-    fault = chance.choice(_nodes(anatomy, "hung"))
+    fault = chance.choice(nodes_with(anatomy, "hung"))
     spells_s = tuple(chance.uniform(2.5, 5.0) for _ in range(9))
     return Scenario((Planted(fault, spells_s=spells_s),))
 
@@ -215,7 +236,7 @@ def _intermittent(anatomy: Anatomy, chance: random.Random) -> Scenario:
 def _slow(anatomy: Anatomy, chance: random.Random) -> Scenario:
     """A node dies or hangs on a robot whose nodes take their time to start."""
     return Scenario(
-        (Planted(chance.choice(_nodes(anatomy, "dead", "hung"))),), slowness=chance.uniform(6, 14)
+        (Planted(chance.choice(nodes_with(anatomy, "dead", "hung"))),), slowness=chance.uniform(6, 14)
     )
 
 
@@ -228,7 +249,7 @@ def _talkers(anatomy: Anatomy, *kinds: str) -> list[Fault]:
     """Return faults of nodes outside loops, each with an observed topic of its own."""
     return [
         fault
-        for fault in _nodes(anatomy, *kinds)
+        for fault in nodes_with(anatomy, *kinds)
         if any(anatomy.topics[topic].observed for topic in anatomy.nodes[fault.component].publishes)
     ]
 
@@ -250,16 +271,16 @@ def _lying(anatomy: Anatomy, chance: random.Random) -> Scenario:
 
 
 CLASSES: tuple[FaultClass, ...] = (
-    FaultClass("off", 7, "a device's relay opens", lambda a: _power(a, "off")),
-    FaultClass("hung-device", 8, "works again after a power cycle", lambda a: _devices(a, "hung")),
+    FaultClass("off", 7, "a device's relay opens", lambda a: relays(a, "off")),
+    FaultClass("hung-device", 8, "works again after a power cycle", lambda a: devices_with(a, "hung")),
     FaultClass("dead-device", 6, "nothing helps, or its relay sticks open", _dead_devices),
-    FaultClass("dead-node", 12, "a process ends", lambda a: _nodes(a, "dead")),
-    FaultClass("hung-node", 13, "a process runs and is silent", lambda a: _nodes(a, "hung")),
+    FaultClass("dead-node", 12, "a process ends", lambda a: nodes_with(a, "dead")),
+    FaultClass("hung-node", 13, "a process runs and is silent", lambda a: nodes_with(a, "hung")),
     FaultClass(
         "mute-successor",
         5,
         "a process ends or hangs; the next one or two started in its place run and are silent",
-        lambda a: _nodes(
+        lambda a: nodes_with(
             a, "dead, one mute successor", "dead, two mute successors", "hung, one mute successor"
         ),
     ),
@@ -267,45 +288,45 @@ CLASSES: tuple[FaultClass, ...] = (
         "wrong-successor",
         3,
         "the same; the next one publishes at half its rate",
-        lambda a: _nodes(a, "dead, one wrong successor", "hung, one wrong successor"),
+        lambda a: nodes_with(a, "dead, one wrong successor", "hung, one wrong successor"),
     ),
-    FaultClass("wrong-data", 7, "a node publishes at half its rate", lambda a: _nodes(a, "half-rate")),
+    FaultClass("wrong-data", 7, "a node publishes at half its rate", lambda a: nodes_with(a, "half-rate")),
     FaultClass("feed", 5, "a supply is off or hung", _feeds),
     FaultClass("spare", 4, "a device is dead that another can stand in for", _spares),
     FaultClass("loop", 7, "a node in a loop of topics, or one that feeds it, ends or hangs", _loops),
-    FaultClass("double", 6, "two faults at once", lambda a: list(_all(a)), _double),
+    FaultClass("double", 6, "two faults at once", lambda a: list(any_fault(a)), _double),
     FaultClass(
         "cascade",
         4,
         "a node hangs, and one that needs it ends 0.5 to 2 s later",
-        lambda a: _nodes(a, "hung") if _followers(a) else [],
+        lambda a: nodes_with(a, "hung") if followers(a) else [],
         _cascade,
     ),
     FaultClass(
         "for-ever",
         4,
         "a program that does not start any more, or is silent whenever it is started",
-        lambda a: _nodes(a, "dead, does not start", "dead, mute for ever", "hung, mute for ever"),
+        lambda a: nodes_with(a, "dead, does not start", "dead, mute for ever", "hung, mute for ever"),
     ),
     FaultClass(
         "intermittent",
         3,
         "a node hangs and comes back by itself, in spells of 2.5 to 5 s, until it is restarted",
-        lambda a: _nodes(a, "hung"),
+        lambda a: nodes_with(a, "hung"),
         _intermittent,
     ),
     FaultClass(
         "mid-repair",
         3,
         "a second fault 0.1 to 1 s after the first act",
-        lambda a: list(_all(a)),
+        lambda a: list(any_fault(a)),
         _mid_repair,
     ),
     FaultClass(
         "slow-start",
         3,
         "a process ends or hangs; every node takes 6 to 14 times as long to start",
-        lambda a: _nodes(a, "dead", "hung"),
+        lambda a: nodes_with(a, "dead", "hung"),
         _slow,
     ),
     FaultClass(
@@ -334,23 +355,20 @@ CLASSES: tuple[FaultClass, ...] = (
     ),
 )
 
-BY_NAME: Mapping[str, FaultClass] = {each.name: each for each in CLASSES}
 
-
-def draw(name: str, anatomy: Anatomy, chance: random.Random) -> Scenario:
+def draw(described: FaultClass, anatomy: Anatomy, chance: random.Random) -> Scenario:
     """Return a scenario of a class on a robot that takes part in it."""
-    described = BY_NAME[name]
     if described.draw is not None:
         return described.draw(anatomy, chance)
     return _one(described.faults(anatomy), chance)
 
 
-def universe_of(anatomy: Anatomy) -> Universe:
+def universe_of(anatomy: Anatomy, classes: Iterable[FaultClass] = CLASSES) -> Universe:
     """Return what may be wrong with a robot, each fault as often as the classes plant it."""
     weights: dict[Fault, float] = {}
-    for described in CLASSES:
+    for described in classes:
         if not described.apart:
             faults = described.faults(anatomy)
             for fault in faults:
                 weights[fault] = weights.get(fault, 0.0) + described.share / len(faults)
-    return Universe(anatomy, weights, frozenset(_all(anatomy)))
+    return Universe(anatomy, weights, frozenset(any_fault(anatomy)))

@@ -22,39 +22,45 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robomend_bench.faults.bench import LATE_S, run_trials
-from robomend_bench.faults.classes import BY_NAME, CLASSES
+from robomend_bench.faults.field import BY_NAME, WORLDS
 from robomend_bench.faults.kept import Kept, OtherTerms
 from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ
 from robomend_bench.faults.record import Record, Trial, parse_trial
-from robomend_bench.faults.report import Report
+from robomend_bench.faults.report import Report, beside_json, beside_table
 from robomend_bench.faults.robot import find_robot, robot_names
-from robomend_bench.faults.scoring import score
-from robomend_bench.faults.standins import STANDINS, play_with
+from robomend_bench.faults.scoring import Score, score
+from robomend_bench.faults.standins import IN_USE, STANDINS, play_with
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
-from robomend_bench.faults.trial import Terms
+from robomend_bench.faults.trial import Terms, robot_of
 from robomend_bench.service.process import NotReady
 
 T = TypeVar("T")
 
 
 def _robots(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
-    names = tuple(filter(None, value.split(","))) or robot_names()
+    names = tuple(filter(None, value.split(","))) or robot_names(context.params["world"])
     for name in names:
         try:
             find_robot(name)
         except KeyError:
-            known = ", ".join(robot_names())
+            known = ", ".join(robot_names("field"))
             raise click.BadParameter(f"there is no robot {name!r}: choose from {known}, made-N") from None
     return names
 
 
 def _classes(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
     known = (*BY_NAME, *STRETCH_BY_NAME)
-    names = tuple(filter(None, value.split(","))) or known
+    names = tuple(filter(None, value.split(","))) or names_in(context.params["world"])
     for name in names:
         if name not in known:
             raise click.BadParameter(f"there is no class {name!r}: choose from {', '.join(known)}")
     return names
+
+
+def names_in(world: str) -> tuple[str, ...]:
+    """Return the classes of faults and the stretches of a world."""
+    faults = (each.name for each in WORLDS[world])
+    return (*faults, *(each.name for each in STRETCHES if each.world == world))
 
 
 def _trial(context: click.Context, parameter: click.Parameter, value: str | None) -> Trial | None:
@@ -65,7 +71,8 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
         find_robot(trial.robot)
     except (ValueError, KeyError):
         raise click.BadParameter(f"{value!r} is no trial, such as base/hung-node/1.17") from None
-    _classes(context, parameter, trial.cls)
+    if trial.cls not in (*BY_NAME, *STRETCH_BY_NAME):
+        raise click.BadParameter(f"there is no class {trial.cls!r}")
     if trial.cls in BY_NAME and not BY_NAME[trial.cls].faults(find_robot(trial.robot).anatomy):
         raise click.BadParameter(f"{trial.robot} has nothing for {trial.cls}")
     return trial
@@ -78,9 +85,20 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 @click.option(
     "--stretches", type=click.IntRange(0, 10_000), default=4, show_default=True, help="Without, of each kind."
 )
+@click.option(
+    "--world",
+    type=click.Choice(list(WORLDS)),
+    default="usual",
+    show_default=True,
+    is_eager=True,
+    help="Which classes of faults, stretches and robots: `field` has what people report of theirs.",
+)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @click.option(
-    "--robots", callback=_robots, default="", help=f"Comma-separated: {','.join(robot_names())}, made-N."
+    "--robots",
+    callback=_robots,
+    default="",
+    help=f"Comma-separated: {','.join(robot_names('field'))}, made-N.",
 )
 @click.option(
     "--classes",
@@ -109,10 +127,15 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 )
 @click.option(
     "--agent",
-    type=click.Choice(["service", *STANDINS]),
+    type=click.Choice(["service", *STANDINS, *IN_USE]),
     default="service",
     show_default=True,
     help="Who repairs: the service, or a scripted stand-in: what can be reached, what idling gets.",
+)
+@click.option(
+    "--beside",
+    is_flag=True,
+    help="The same faults for what people use today as well, in one table: faults only.",
 )
 @click.option(
     "--boots",
@@ -138,6 +161,7 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 def command(
     trials: int,
     stretches: int,
+    world: str,
     seed: int,
     robots: tuple[str, ...],
     classes: tuple[str, ...],
@@ -146,6 +170,7 @@ def command(
     load: int,
     jobs: int | None,
     agent: str,
+    beside: bool,
     boots: bool,
     only_trial: Trial | None,
     verbose: bool,
@@ -162,6 +187,8 @@ def command(
     robomend-bench faults --classes mute-successor --trials 100
     robomend-bench faults --classes boot --stretches 20
     robomend-bench faults --observers fast --topics-hz 10
+    robomend-bench faults --world field                what people report of their robots
+    robomend-bench faults --beside                     beside what people use today
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
@@ -170,7 +197,9 @@ def command(
     What each figure means: docs/score.md.
     """
     terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots, topics_hz=topics_hz)
+    stretches = 0 if beside else stretches
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
+    everything = list(wanted)
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
     jobs = jobs or (3 if load else 8)
@@ -215,8 +244,16 @@ def command(
     if verbose and only_trial is None:
         for record in records:
             click.echo("\n".join((str(record.trial), *record.lines(), "")), err=True)
+    rows: dict[str, list[Score]] = {}
+    if beside:
+        rows = {"robomend" if agent == "service" else agent: report.group("faults")}
+        rows |= {says: _scores_of(name, everything, terms) for name, says in IN_USE.items()}
     if output == "json":
-        click.echo(json.dumps(report.as_json(), indent=1))
+        click.echo(
+            json.dumps({**report.as_json(), **({"beside": beside_json(rows)} if rows else {})}, indent=1)
+        )
+    elif rows:
+        click.echo("\n".join(beside_table(rows)))
     elif only_trial is not None:
         for record in records:
             click.echo("\n".join(record.lines()))
@@ -225,6 +262,13 @@ def command(
         click.echo(report.markdown(), nl=False)
     if report.errors:
         sys.exit(3)
+
+
+def _scores_of(standin: str, trials: Sequence[Trial], terms: Terms) -> list[Score]:
+    """Return what a stand-in makes of the faults among the trials; its clock is simulated."""
+    found = Report("", terms.observers, standin, 0, 1, [], [], [])
+    judge([play_with(standin, trial, terms) for trial in trials], found)
+    return found.group("faults")
 
 
 def choose(
@@ -251,10 +295,10 @@ def _faults(
 ) -> Iterator[Trial]:
     able = {
         each.name: [name for name in robots if each.faults(find_robot(name).anatomy)]
-        for each in CLASSES
+        for each in BY_NAME.values()
         if each.name in classes
     }
-    cards = [each.name for each in CLASSES for _ in range(each.share) if able.get(each.name)]
+    cards = [each.name for each in BY_NAME.values() for _ in range(each.share) if able.get(each.name)]
     number = 0
     while cards:
         deck = cards.copy()
@@ -267,15 +311,18 @@ def _faults(
 def judge(records: Sequence[Record], report: Report) -> None:
     """Score the records into the report; those that are no measurements are named, with the reason.
 
-    Where the computer is kept busy on purpose, that the service has to wait is what is measured.
+    Where the computer is kept busy on purpose, and in the field, that the service has to wait is measured.
     """
     for record in records:
         if record.error:
             report.errors.append((str(record.trial), record.error))
-        elif (late_s := max(record.late_s, 0.0 if report.load else record.starved_s)) > LATE_S:
+            continue
+        robot = robot_of(record.trial, report.topics_hz)
+        waits = bool(report.load) or robot.world == "field"
+        if (late_s := max(record.late_s, 0.0 if waits else record.starved_s)) > LATE_S:
             report.late.append((str(record.trial), late_s))
         else:
-            report.scores.append(score(record, find_robot(record.trial.robot, report.topics_hz)))
+            report.scores.append(score(record, robot))
 
 
 def _kept(path: Path, terms: dict[str, Any]) -> Kept:
@@ -356,8 +403,9 @@ def _write(out: Path, records: Sequence[Record], report: Report) -> None:
     stem = f"faults-{report.observers}"
     (out / f"{stem}.json").write_text(json.dumps(report.as_json(), indent=1))
     (out / f"{stem}.md").write_text(report.markdown())
-    well = {s.trial for s in report.scores if s.group != "healthy" and s.right and not s.wrong}
-    well |= {s.trial for s in report.scores if s.group == "healthy" and not s.acts and not s.alarms}
+    scores = [s for s in report.scores if not (s.credited or s.called_healthy or s.left_stopped)]
+    well = {s.trial for s in scores if s.group != "healthy" and s.right and not s.wrong}
+    well |= {s.trial for s in scores if s.group == "healthy" and not s.acts and not s.alarms}
     folder = out / f"{stem}-records"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.txt"):

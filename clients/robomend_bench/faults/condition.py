@@ -11,13 +11,13 @@ very same functions: what a repair needs is not written down twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from robomend_bench.faults.anatomy import Anatomy
+from robomend_bench.faults.anatomy import Anatomy, Aspect, Node
 from robomend_client.actions import FAILED, NO_PROGRAM, OK
-from robomend_client.literals import Literal, fails
+from robomend_client.literals import Atom, Literal, fails
 
 
 class Mood(StrEnum):
@@ -26,6 +26,8 @@ class Mood(StrEnum):
     WELL = "well"
     SILENT = "silent"  # it runs and publishes nothing
     WRONG = "wrong"  # it publishes at half its rate
+    FAST = "fast"  # it publishes at twice its rate
+    STILL = "still"  # it publishes at its rate, and its values do not change any more
 
 
 class Health(StrEnum):
@@ -46,6 +48,9 @@ class NodeCondition:
     ever: Mood = Mood.WELL  # of all processes after those
     starts: bool = True  # False: the program ends at once, with status 127
     stale: bool = False  # it holds a dead connection, to a device or to a node that it is tied to
+    short_lived: bool = False  # each process ends some time after its start
+    beside: str = ""  # a node: silent as long as that runs
+    doubled: bool = False  # somebody who is not in the model publishes its topics, too
 
     @property
     def speaks(self) -> bool:
@@ -60,6 +65,7 @@ class DeviceCondition:
     health: Health = Health.WELL
     stuck: bool = False  # its relay does not move any more
     replaced: bool = False  # its drivers use the spare
+    complains: bool = False  # its status warns, for no reason
 
 
 Condition = NodeCondition | DeviceCondition
@@ -127,25 +133,41 @@ def silenced(anatomy: Anatomy, state: State) -> frozenset[str]:
     waiting = [
         topic
         for node in anatomy.nodes.values()
-        if not node_in(state, node.name).speaks
-        or not all(works(anatomy, state, device) for device in node.drives)
+        if not _publishes(anatomy, state, node) and not node_in(state, node.name).doubled
         for topic in node.publishes
     ]
     while waiting:
         topic = waiting.pop()
-        if topic not in silent:
+        if topic not in silent and not anatomy.topics[topic].latched:
             silent.add(topic)
             waiting += anatomy.consumers.get(topic, ())
     return frozenset(silent)
 
 
+def _publishes(anatomy: Anatomy, state: State, node: Node) -> bool:
+    """Whether a node's own process publishes, as far as it is up to itself and its devices."""
+    return node_in(state, node.name).speaks and all(works(anatomy, state, device) for device in node.drives)
+
+
 def abnormal(anatomy: Anatomy, state: State) -> frozenset[Literal]:
     """Return what is observed otherwise than of a healthy robot, each literal negative."""
+    if not state:
+        return frozenset()
     silent = silenced(anatomy, state)
     wrong = {
         topic
         for name, condition in state
-        if isinstance(condition, NodeCondition) and condition.mood is Mood.WRONG
+        if isinstance(condition, NodeCondition)
+        and (
+            condition.mood in (Mood.WRONG, Mood.FAST)
+            or (condition.doubled and _publishes(anatomy, state, anatomy.nodes[name]))
+        )
+        for topic in anatomy.nodes[name].publishes
+    }
+    still = {
+        topic
+        for name, condition in state
+        if isinstance(condition, NodeCondition) and condition.mood is Mood.STILL
         for topic in anatomy.nodes[name].publishes
     }
     found = [fails("ok", topic) for topic in silent | wrong if anatomy.topics[topic].observed]
@@ -155,13 +177,36 @@ def abnormal(anatomy: Anatomy, state: State) -> frozenset[Literal]:
                 found.append(fails("running", name))
         elif not condition.on and anatomy.devices[name].switchable:
             found.append(fails("on", name))
+    found += (
+        Literal(aspect.atom, False)
+        for aspect in anatomy.aspects
+        if silent.isdisjoint(aspect.flows) and _is_bad(aspect, state, silent, still)
+    )
     return frozenset(found)
+
+
+def _is_bad(aspect: Aspect, state: State, silent: frozenset[str], still: Collection[str]) -> bool:
+    standing = [topic in still for topic in aspect.still]
+    return (
+        (any(standing) and not (len(standing) > 1 and all(standing)))
+        or not silent.isdisjoint(aspect.silent)
+        or bool(aspect.status and device_in(state, aspect.status).complains)
+    )
+
+
+def unseen(anatomy: Anatomy, state: State) -> frozenset[Atom]:
+    """Return what nobody can tell while the state lasts, though it is observed of a healthy robot."""
+    if not state or not anatomy.aspects:
+        return frozenset()
+    silent = silenced(anatomy, state)
+    return frozenset(aspect.atom for aspect in anatomy.aspects if not silent.isdisjoint(aspect.flows))
 
 
 def observed(anatomy: Anatomy, state: State) -> frozenset[Literal]:
     """Return the settled observation: every literal, of either sign."""
-    odd = abnormal(anatomy, state)
-    return frozenset((*(literal for literal in anatomy.healthy if -literal not in odd), *odd))
+    odd, unknown = abnormal(anatomy, state), unseen(anatomy, state)
+    well = (each for each in anatomy.healthy if -each not in odd and each.atom not in unknown)
+    return frozenset((*well, *odd))
 
 
 def broken(anatomy: Anatomy, state: State) -> frozenset[str]:
@@ -170,7 +215,7 @@ def broken(anatomy: Anatomy, state: State) -> frozenset[str]:
         name
         for name, condition in state
         if (
-            not condition.speaks or condition.mood is Mood.WRONG
+            not condition.speaks or condition.mood is not Mood.WELL or condition.doubled
             if isinstance(condition, NodeCondition)
             else not condition.on or (condition.health is not Health.WELL and not condition.replaced)
         )
@@ -196,7 +241,7 @@ def after(anatomy: Anatomy, state: State, act: Act) -> tuple[State, int]:
             return _disconnected(anatomy, state, {device}), OK
         case "reset_bus", (bus,):
             on_bus = {device.name for device in anatomy.devices.values() if device.bus == bus}
-            return _without_power(anatomy, state, on_bus), OK
+            return without_power(anatomy, state, on_bus), OK
         case _:
             raise ValueError(f"no robot knows {act}")
 
@@ -209,9 +254,12 @@ def _started(anatomy: Anatomy, state: State, node: str) -> tuple[State, int]:
         return state, NO_PROGRAM
     mood, *later = (*before.successors, before.ever)
     successors = tuple(later[:-1])
+    if before.beside and not node_in(state, before.beside).running:
+        mood = Mood.WELL
     state = put(state, node, replace(before, running=True, mood=mood, successors=successors, stale=False))
+    state = _beside(state, node, Mood.SILENT)
     for other in anatomy.tied[node]:
-        state = _stale(state, other)
+        state = disconnected(state, other)
     return state, OK
 
 
@@ -222,21 +270,30 @@ def _switched(anatomy: Anatomy, state: State, device: str, *, on: bool) -> tuple
     if before.stuck:
         return state, FAILED
     state = put(state, device, replace(before, on=on))
-    return (state if on else _without_power(anatomy, state, anatomy.fed[device])), OK
+    return (state if on else without_power(anatomy, state, anatomy.fed[device])), OK
 
 
 def ended(state: State, node: str) -> State:
     """Return the state after a process has ended, by an act or by itself."""
-    return put(state, node, replace(node_in(state, node), running=False, mood=Mood.WELL, stale=False))
+    state = put(state, node, replace(node_in(state, node), running=False, mood=Mood.WELL, stale=False))
+    return _beside(state, node, Mood.WELL)
+
+
+def _beside(state: State, node: str, mood: Mood) -> State:
+    """Those who are silent while another node runs."""
+    for name, wrong in state:
+        if isinstance(wrong, NodeCondition) and wrong.beside == node and wrong.running:
+            state = put(state, name, replace(wrong, mood=mood))
+    return state
 
 
 def lost_power(anatomy: Anatomy, state: State, device: str) -> State:
     """Return the state after a device has lost its power, by an act or by itself."""
     state = put(state, device, replace(device_in(state, device), on=False))
-    return _without_power(anatomy, state, anatomy.fed[device])
+    return without_power(anatomy, state, anatomy.fed[device])
 
 
-def _without_power(anatomy: Anatomy, state: State, devices: Iterable[str]) -> State:
+def without_power(anatomy: Anatomy, state: State, devices: Iterable[str]) -> State:
     """What was without power for a moment is hung no more, and its drivers hold dead connections."""
     gone = set(devices)
     for device in gone:
@@ -252,10 +309,12 @@ def _without_power(anatomy: Anatomy, state: State, devices: Iterable[str]) -> St
 def _disconnected(anatomy: Anatomy, state: State, devices: Iterable[str]) -> State:
     for device in devices:
         for driver in anatomy.drivers[device]:
-            state = _stale(state, driver)
+            if not anatomy.nodes[driver].reconnects:
+                state = disconnected(state, driver)
     return state
 
 
-def _stale(state: State, node: str) -> State:
+def disconnected(state: State, node: str) -> State:
+    """Return the state after a node has lost what it is connected to."""
     condition = node_in(state, node)
     return put(state, node, replace(condition, stale=True)) if condition.running else state

@@ -10,7 +10,9 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from robomend_bench.faults.field import world_of
 from robomend_bench.faults.scoring import Score
+from robomend_bench.faults.stretches import STRETCH_BY_NAME
 from robomend_bench.intervals import bootstrap, poisson, quantile, wilson
 
 
@@ -46,6 +48,7 @@ def of_faults(scores: Sequence[Score]) -> list[Figure]:
     onset = [s for s in scores if s.told_by_onset]
     mended = [s for s in scores if s.repairable]
     hopeless = [s for s in scores if s.repairable is False]
+    field = [s for s in scores if world_of(s.cls) == "field"]
     return [
         _share("detected", "detected", scores, lambda s: s.detected),
         _share("cause_first", "cause first, where it can be told apart", told, lambda s: s.cause_first),
@@ -71,6 +74,12 @@ def of_faults(scores: Sequence[Score]) -> list[Figure]:
         _share("trials_wrong", "trials with a wrong act", scores, lambda s: bool(s.wrong)),
         _mean("extra_acts", "acts beyond the best policy, of what ended right", scores, lambda s: s.extra),
         _mean("repeated", "acts done more than three times, a trial", scores, lambda s: s.repeated),
+        _share(
+            "credited", "with an act said to have helped that did nothing", field, lambda s: bool(s.credited)
+        ),
+        _share("called_healthy", "called healthy that were not", field, lambda s: bool(s.called_healthy)),
+        _share("left_stopped", "with healthy nodes left stopped", field, lambda s: bool(s.left_stopped)),
+        *_times("beyond", "detection → repaired beyond what the robot needs", field, lambda s: s.beyond_s),
         *_times("detection", "fault → detection", scores, lambda s: s.detection_s),
         *_times("first_act", "fault → first act", scores, lambda s: s.first_act_s),
         *_times("waited", "all told → first act", scores, lambda s: s.waited_s),
@@ -90,6 +99,12 @@ def of_stretches(scores: Sequence[Score]) -> list[Figure]:
         _rate("alarms", "false alarms", sum(s.alarms for s in scores), hours),
         _share("stretches_alarm", "stretches with a false alarm", scores, lambda s: s.alarms > 0),
         _share("stretches_act", "stretches with a needless act", scores, lambda s: s.acts > 0),
+        _share(
+            "called_healthy",
+            "called healthy while nobody could know",
+            [s for s in scores if STRETCH_BY_NAME[s.cls].world == "field"],
+            lambda s: bool(s.called_healthy),
+        ),
         _mean("acts", "needless acts, a stretch", scores, lambda s: s.acts),
         _mean("points", "points", scores, lambda s: s.points),
     ]

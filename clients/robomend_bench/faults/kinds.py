@@ -20,6 +20,7 @@ from robomend_bench.faults.condition import (
     device_in,
     lost_power,
     put,
+    without_power,
 )
 
 
@@ -46,22 +47,54 @@ NODE_KINDS: Mapping[str, NodeCondition] = {
     "dead, does not start": NodeCondition(running=False, starts=False),
     "dead, mute for ever": NodeCondition(running=False, ever=Mood.SILENT),
     "hung, mute for ever": NodeCondition(mood=Mood.SILENT, ever=Mood.SILENT),
+    "double rate": NodeCondition(mood=Mood.FAST),
+    "stands still": NodeCondition(mood=Mood.STILL),
+    "second publisher": NodeCondition(doubled=True),
+    "ends again and again": NodeCondition(running=False, short_lived=True),
 }
+
+BESIDE = "silent beside "
+"""Of a node, before another's name: as long as that runs."""
+
+PASSING = frozenset({"brown-out", "dip"})
+"""What goes by itself, and leaves drivers with dead connections."""
+
+AGAIN = frozenset({"ends again and again"})
+"""What goes by a start, and is there again after some time."""
+
+FOR_EVER = AGAIN | {"second publisher", "complains"}
+"""What no act of the robot's repairs for good, whatever it looks like for a while."""
 
 
 def begin(anatomy: Anatomy, state: State, fault: Fault) -> State:
     """Return the state right after a fault has begun."""
+    if fault.kind.startswith(BESIDE):
+        wrong = NodeCondition(mood=Mood.SILENT, ever=Mood.SILENT, beside=fault.kind.removeprefix(BESIDE))
+        return put(state, fault.component, wrong)
     if fault.component in anatomy.nodes:
         return put(state, fault.component, NODE_KINDS[fault.kind])
-    return _DEVICES[fault.kind](anatomy, state, fault.component)
+    return DEVICE_KINDS[fault.kind](anatomy, state, fault.component)
 
 
 def lifted(anatomy: Anatomy, state: State, fault: Fault) -> State:
-    """Return the state after a hung or slow node has come back by itself (intermittent faults)."""
+    """Return the state after a fault has gone by itself: a node is not hung any more, power is back."""
+    if fault.kind in PASSING:
+        return put(
+            state, fault.component, replace(device_in(state, fault.component), on=True, health=Health.WELL)
+        )
     assert fault.component in anatomy.nodes
     condition = dict(state).get(fault.component)
     if isinstance(condition, NodeCondition) and condition.running:
         return put(state, fault.component, replace(condition, mood=Mood.WELL))
+    return state
+
+
+def settled(anatomy: Anatomy, *faults: Fault) -> State:
+    """Return the state of an otherwise healthy robot after these faults, when what passes has passed."""
+    state = begun(anatomy, *faults)
+    for fault in faults:
+        if fault.kind in PASSING:
+            state = lifted(anatomy, state, fault)
     return state
 
 
@@ -78,6 +111,16 @@ def _stuck(anatomy: Anatomy, state: State, device: str) -> State:
     return put(state, device, replace(device_in(state, device), stuck=True))
 
 
+def _dipped(anatomy: Anatomy, state: State, device: str) -> State:
+    """Its relay stays where it is: it only gives nothing for a while."""
+    state = put(state, device, replace(device_in(state, device), health=Health.DEAD))
+    return without_power(anatomy, state, anatomy.fed[device] - {device})
+
+
+def _complaining(anatomy: Anatomy, state: State, device: str) -> State:
+    return put(state, device, replace(device_in(state, device), complains=True))
+
+
 def _with(health: Health) -> Callable[[Anatomy, State, str], State]:
     def begin_it(anatomy: Anatomy, state: State, device: str) -> State:
         return put(state, device, replace(device_in(state, device), health=health))
@@ -85,9 +128,12 @@ def _with(health: Health) -> Callable[[Anatomy, State, str], State]:
     return begin_it
 
 
-_DEVICES: Mapping[str, Callable[[Anatomy, State, str], State]] = {
+DEVICE_KINDS: Mapping[str, Callable[[Anatomy, State, str], State]] = {
     "off": lost_power,  # its relay opens
     "off for ever": _stuck,  # the same, and does not close any more
     "hung": _with(Health.HUNG),  # it works again when it has been without power
     "broken": _with(Health.DEAD),  # nothing helps
+    "brown-out": lost_power,  # its relay opens, and closes again by itself
+    "dip": _dipped,  # the same, and its relay tells nothing of it
+    "complains": _complaining,  # its status warns for ever, and all that it does is good
 }

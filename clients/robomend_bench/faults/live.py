@@ -10,24 +10,26 @@ before anybody is asked: when the bench is late, no observer sees silence. It is
 from __future__ import annotations
 
 import asyncio
+import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.faults.agents import HostAgent
+from robomend_bench.faults.agents import SECOND_EAR, HostAgent
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Scenario
 from robomend_bench.faults.condition import Act, State
 from robomend_bench.faults.kinds import Fault
 from robomend_bench.faults.observing import HostObservers, Preset
 from robomend_bench.faults.power import RobotBoard
-from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen
+from robomend_bench.faults.record import Acted, Arrived, Credited, Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
 from robomend_client.actions import ActionResult
 from robomend_client.events import Event, Kind
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers import Change
 from robomend_client.rest.asynchronous import AsyncClient
 
@@ -55,7 +57,9 @@ class LiveRobot:
         self._anatomy = robot.anatomy
         self._preset = preset
         self._clock = clock
-        self._where: dict[str, list[HostObservers]] = {}
+        self._where: dict[str, list[tuple[str | None, HostObservers]]] = {}
+        self._unheard: set[str | None] = set()
+        self._clients, self._folder = clients, folder
         self._held: dict[str | None, list[tuple[str, float]]] = {}  # of agents that are held up
         self._posted: dict[Atom, Literal] = {}
         self._due: list[tuple[float, Callable[[], None]]] = []
@@ -76,7 +80,16 @@ class LiveRobot:
             else None
         )
         self.agents = [
-            HostAgent(id, host, clients, folder, knows(robot, host), self._carry_out)
+            HostAgent(
+                id,
+                host,
+                clients,
+                folder,
+                knows(robot, host),
+                self._carry_out,
+                scenario.reporting,
+                self._arrived,
+            )
             for host in self._anatomy.hosts
         ]
 
@@ -96,6 +109,26 @@ class LiveRobot:
         )
         agent.start(observers)
         self._listen()
+        for topic in self.body.latched & observers.topics:
+            observers.message(topic, now_s)
+
+    def add_ear(self, topic: str) -> None:
+        """A second agent begins, which is to hear one topic and hears nothing of it."""
+        now_s = self._clock()
+        only = replace(
+            self._anatomy,
+            nodes={},
+            devices={},
+            aspects=(),
+            topics={topic: self._anatomy.topics[topic]},
+        )
+        agent = HostAgent(
+            self.id, SECOND_EAR, self._clients, self._folder, (), self._carry_out, noted=self._arrived
+        )
+        observers = HostObservers(only, None, self._preset, now_s, None, time.time() - now_s)
+        observers.topics.clear()
+        self.agents.append(agent)
+        agent.start(observers)
 
     async def stop_agent(self, agent: HostAgent) -> None:
         """End an agent; the robot's processes go on."""
@@ -127,7 +160,7 @@ class LiveRobot:
         for agent in self.agents:
             if agent.observers is not None:
                 for topic in agent.observers.topics:
-                    self._where.setdefault(topic, []).append(agent.observers)
+                    self._where.setdefault(topic, []).append((agent.host, agent.observers))
 
     # --- time
 
@@ -169,28 +202,50 @@ class LiveRobot:
         self._happened()
         self.record.faults.append((self.at_s(), fault))
         self.body.plant(fault)
-        if self._board is not None and fault.kind in ("off", "off for ever"):
+        if self._board is not None and fault.kind in ("off", "off for ever", "brown-out"):
             self._board.trip(fault.component, for_ever=fault.kind == "off for ever")
 
     def lift(self, fault: Fault) -> None:
         """A fault that comes and goes has gone."""
         self.body.advance(self._clock())
+        self.note(f"{fault} has gone by itself")
         self.body.lift(fault)
+        if self._board is not None and fault.kind == "brown-out":
+            self._board.untrip(fault.component)
 
-    def hold_up(self, host: str | None) -> None:
-        """An agent is held up: what is sent to it waits, and it does nothing."""
+    def hold_up(self, host: str | None, *, wholly: bool = False) -> None:
+        """An agent is held up: what is sent to it waits, and it does nothing; `wholly`: nor does it send."""
         self._held[host] = []
+        for agent in self.agents:
+            if wholly and agent.host == host:
+                for line in agent.lines:
+                    line.open.clear()
+
+    def cut_off(self, host: str | None, *, cut: bool) -> None:
+        """Nothing of a host reaches anybody, or does again."""
+        for agent in self.agents:
+            if agent.host == host:
+                for line in agent.lines:
+                    line.cut = cut
+
+    def unheard(self, host: str | None, *, begins: bool) -> None:
+        """A host's bridge is no part of its middleware for a while, or is again: what is sent is lost."""
+        (self._unheard.add if begins else self._unheard.discard)(host)
 
     def resume(self, host: str | None) -> None:
         """It goes on; what has waited arrives now."""
         now_s = self._clock()
+        for agent in self.agents:
+            if agent.host == host:
+                for line in agent.lines:
+                    line.open.set()
         self.body.advance(now_s)
         for agent in self.agents:
             if agent.host == host and agent.observers is not None:
                 agent.observers.lapse(now_s)
-        for topic, _ in self._held.pop(host):
-            for observers in self._where.get(topic, ()):
-                observers.message(topic, now_s)
+        for topic, at_s in self._held.pop(host):
+            for _, observers in self._where.get(topic, ()):
+                observers.message(topic, now_s, self.body.values(topic, at_s))
 
     def disturb_observer(self) -> None:
         """What is the matter with the scenario's faulty observer begins."""
@@ -201,12 +256,14 @@ class LiveRobot:
     # --- what comes from the body and the board
 
     def _message(self, topic: str, at_s: float) -> None:
-        for observers in self._where.get(topic, ()):
-            host = self._anatomy.host_of(topic)
+        values = self.body.values(topic, at_s)
+        for host, observers in self._where.get(topic, ()):
+            if host in self._unheard:
+                continue
             if host in self._held:
                 self._held[host].append((topic, at_s))
             else:
-                observers.message(topic, at_s)
+                observers.message(topic, at_s, values)
 
     def _state(self, at_s: float, state: State) -> None:
         self._happened()
@@ -223,6 +280,15 @@ class LiveRobot:
         act = Act("power_up" if on else "shutdown", (device,))
         self._happened()
         self.record.acts.append(Acted(self.at_s(), act, "board", code))
+
+    def _arrived(self, agent: str, batch: Mapping[str, Any]) -> None:
+        """A batch of an agent has arrived at the service."""
+        literals = tuple(
+            Literal(parse_atom(text.removeprefix("not ")), not text.startswith("not "))
+            for text in batch.get("observations", ())
+        )
+        gone = tuple(map(parse_atom, batch.get("unknown", ())))
+        self.record.arrived.append(Arrived(self.at_s(), agent, literals, gone, float(batch["lifetime_s"])))
 
     def _note_said(self, now_s: float, changes: Sequence[Change]) -> None:
         new: dict[Atom, Literal] = {}
@@ -254,6 +320,19 @@ class LiveRobot:
         finally:
             if not done.done() or done.cancelled():
                 withdraw()
+
+    def credited(self, repair: Mapping[str, Any]) -> list[Credited]:
+        """Return the rounds of a repair, as HTTP shows it, of which it is said that they helped."""
+        ahead_s = time.time() - self._clock() + self.zero_s
+        found = []
+        for one in repair["rounds"]:
+            sent = [step for step in one["plan"] if step.get("sent_ns") is not None]
+            if one["helped"] and sent:
+                times = [step["sent_ns"] / 1e9 - ahead_s for step in sent]
+                ends = [(step.get("ended_ns") or step["sent_ns"]) / 1e9 - ahead_s for step in sent]
+                parts = tuple({name for step in sent for name in re.findall(r"[\w-]+", step["text"])[1:]})
+                found.append(Credited(min(times), max(ends), parts))
+        return found
 
     def event(self, event: Event, at_s: float) -> None:
         """The service told something of this robot; `at_s` is on the bench's clock."""

@@ -9,11 +9,14 @@ Replacing the observers means to change this module only.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from heapq import heappop, heappush
+from pathlib import Path
 
-from robomend_bench.faults.anatomy import Anatomy
+from robomend_bench.faults.anatomy import Anatomy, Aspect
 from robomend_bench.faults.classes import Blind
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import (
@@ -28,8 +31,16 @@ from robomend_client.observers import (
     Rate,
     Verdict,
 )
+from robomend_client.observers.kinds import ObserverSpec, read_observers
+from robomend_client.yaml_reader import Section
+from robomend_client.yaml_tree import read_tree
 
 RELAYS = "relays"
+
+NO_VALUES: Mapping[str, object] = {}
+
+KINDS = Path(__file__).parent / "robots" / "field"
+"""Where the observers of the robots' own are."""
 
 TABLE_NS = SECOND // 10
 """How often the node observer hears which processes run, changed or not, as from the agent."""
@@ -74,6 +85,23 @@ def ns(at_s: float) -> int:
     return round(at_s * SECOND)
 
 
+@cache
+def _recipe(file: str) -> ObserverSpec:
+    [recipe] = read_observers(Section(read_tree(file), "aspects", ""), KINDS)
+    return recipe
+
+
+def observer_of(aspect: Aspect) -> Observer:
+    """Return a fresh observer of an aspect, made as by the agent's file."""
+    return _recipe(json.dumps({"observers": {str(aspect.atom): dict(aspect.observer)}})).make()
+
+
+def aspects_delay_s(anatomy: Anatomy) -> float:
+    """Return how long the slowest of them takes, to a verdict of either sign."""
+    observers = map(observer_of, anatomy.aspects)
+    return max((max(each.detection_s, each.settling_s) for each in observers), default=0.0)
+
+
 class HostObservers:
     """All observers of one host; `driver` is asked for what stands, by whoever reports it."""
 
@@ -87,7 +115,7 @@ class HostObservers:
         epoch_s: float = 0.0,
     ) -> None:
         """`epoch_s` is what the bench's time 0 is in the time of the literals."""
-        self.topics: Collection[str] = set()
+        self.topics: set[str] = set()
         self._epoch_ns = ns(epoch_s)
         self._faulty: _Faulty | None = None
         observers: list[Observer] = []
@@ -102,6 +130,10 @@ class HostObservers:
                 else:
                     observers.append(observer)
         hosts = anatomy.hosts
+        for aspect in anatomy.aspects:
+            if (aspect.host or hosts[0]) == host:
+                observers.append(observer_of(aspect))
+                self.topics |= {source.partition(":")[0] for source in observers[-1].sources}
         observers.append(
             NodeObserver(
                 n.name for n in anatomy.nodes.values() if n.host == host or (not n.host and host == hosts[0])
@@ -118,11 +150,15 @@ class HostObservers:
         if relays:
             observers.append(_Relays(relays))
         self.driver = Driver(observers, self._ns(start_s))
-        self._messages: list[tuple[int, str]] = []  # a heap: they come in any order, and ahead of their time
+        # A heap: they come in any order, and ahead of their time.
+        self._messages: list[tuple[int, int, str, Mapping[str, object]]] = []
+        self._number = 0
+        self._fields = {topic: self._wanted(topic) for topic in self.topics}
         self._changes: list[Change] = []
         self._running: frozenset[str] | None = None
         self._on: dict[str, bool] | None = None
         self._table_ns = 0
+        self._drained_ns = 0  # before it nothing that is sampled counts
 
     @property
     def faulty(self) -> bool:
@@ -134,18 +170,25 @@ class HostObservers:
         if self._faulty is not None:
             self._faulty.begun = begun
 
-    def message(self, topic: str, at_s: float) -> None:
-        """A message of a topic that is watched here."""
-        heappush(self._messages, (self._ns(at_s), topic))
+    def _wanted(self, topic: str) -> list[tuple[str, str]]:
+        """Return the sources that a topic's messages feed, each with its field; "" is the whole message."""
+        found = (source.partition(":") for source in self.driver.sources)
+        return [(f"{name}{colon}{key}", key) for name, colon, key in found if name == topic]
+
+    def message(self, topic: str, at_s: float, values: Mapping[str, object] = NO_VALUES) -> None:
+        """A message of a topic that is watched here, with its fields."""
+        self._number += 1
+        heappush(self._messages, (self._ns(at_s), self._number, topic, values))
 
     def check(self, now_s: float, running: frozenset[str], on: Mapping[str, bool]) -> Sequence[Change]:
         """Let time pass, and return what has changed."""
         now_ns = self._ns(now_s)
         changes, self._changes = self._changes, []
         while self._messages and self._messages[0][0] <= now_ns:
-            at_ns, topic = heappop(self._messages)
-            changes += self.driver.sample(topic, at_ns, None, at_ns)
-        if running != self._running or now_ns >= self._table_ns:
+            at_ns, _, topic, values = heappop(self._messages)
+            for source, key in self._fields[topic]:
+                changes += self.driver.sample(source, at_ns, values.get(key) if key else None, at_ns)
+        if (running != self._running and now_ns >= self._drained_ns) or now_ns >= self._table_ns:
             self._running = running
             self._table_ns = (now_ns // TABLE_NS + 1) * TABLE_NS
             self._on = None  # the relays are read as often: who is to judge anew must hear of them again
@@ -158,7 +201,8 @@ class HostObservers:
 
     def lapse(self, until_s: float) -> None:
         """The agent was held up until now: it sees that, as robomend_client.agent.watch does."""
-        self._changes += self.driver.lapse(self._ns(until_s + DRAIN_S))
+        self._drained_ns = self._table_ns = self._ns(until_s + DRAIN_S)
+        self._changes += self.driver.lapse(self._drained_ns)
 
     def settle(self, n: int, atoms: Collection[Atom]) -> None:
         """The service wants these atoms judged anew."""

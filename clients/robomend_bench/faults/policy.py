@@ -225,6 +225,8 @@ class Policy:
             without = frozenset(d.name for d in anatomy.devices.values() if d.bus == name)
         for driver in sorted({driver for device in without for driver in anatomy.drivers[device]}):
             node = anatomy.nodes[driver]
+            if node.reconnects:
+                continue
             if node_in(now(), driver).running and node.restartable and not node.protected:
                 self._restart(driver, now, do)
 

@@ -54,6 +54,14 @@ class RobotBoard:
             self._board.set_fault(BoardFault("stuck", channel), self._emulator.now_s())
             self._emulator.settle()
 
+    def untrip(self, device: str) -> None:
+        """It closes again by itself."""
+        self._board.ours = True
+        try:
+            self._emulator.switch(self._channels[device], True)
+        finally:
+            self._board.ours = False
+
     def _moved(self, changed: dict[int, ChannelState]) -> None:
         for channel, state in changed.items():
             if channel in self._devices:

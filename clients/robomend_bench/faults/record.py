@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from robomend_bench.faults.classes import Blind
 from robomend_bench.faults.condition import Act, DeviceCondition, NodeCondition, State
 from robomend_bench.faults.kinds import Fault
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 ENDED = frozenset({"repaired", "escalated", "cancelled", "failed"})
 """States that a repair does not leave."""
@@ -75,6 +75,26 @@ class RepairSeen:
     plan: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """A batch of observations that the service has answered."""
+
+    at_s: float
+    agent: str
+    literals: tuple[Literal, ...]
+    unknown: tuple[Atom, ...]
+    lifetime_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Credited:
+    """A round of a repair of which the service says that it helped, and when it was carried out."""
+
+    from_s: float
+    until_s: float
+    components: tuple[str, ...]  # that its acts were done to
+
+
 @dataclass(slots=True)
 class Record:
     """See the module. Lists are in the order of time."""
@@ -89,6 +109,9 @@ class Record:
     unknown: list[tuple[float, tuple[str, ...]]] = field(default_factory=list)  # atoms, as it was told
     repairs: list[RepairSeen] = field(default_factory=list)
     acts: list[Acted] = field(default_factory=list)
+    arrived: list[Arrived] = field(default_factory=list)
+    called_healthy: list[float] = field(default_factory=list)  # when somebody who asked was told so
+    credited: list[Credited] = field(default_factory=list)
     silences: list[tuple[str, float, float]] = field(default_factory=list)  # topic, last message, the next
     notes: list[tuple[float, str]] = field(default_factory=list)
     account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
@@ -102,6 +125,8 @@ class Record:
         """Move what was noted so far in time."""
         self.states = [(at + by_s, state) for at, state in self.states]
         self.said = [(at + by_s, literals) for at, literals in self.said]
+        self.arrived = [replace(each, at_s=each.at_s + by_s) for each in self.arrived]
+        self.called_healthy = [at + by_s for at in self.called_healthy]
         self.notes = [(at + by_s, text) for at, text in self.notes]
         self.unknown = [(at + by_s, atoms) for at, atoms in self.unknown]
         self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]
@@ -159,12 +184,16 @@ def _condition(condition: NodeCondition | DeviceCondition) -> str:
             str(condition.health),
             "stuck" if condition.stuck else "",
             "replaced by its spare" if condition.replaced else "",
+            "complains for no reason" if condition.complains else "",
         ]
     else:
         after = [str(mood) for mood in condition.successors]
         words = [
             str(condition.mood) if condition.running else "stopped",
             "holds a dead connection" if condition.stale else "",
+            "ends again and again" if condition.short_lived else "",
+            f"while {condition.beside} runs" if condition.beside else "",
+            "somebody else publishes its topics, too" if condition.doubled else "",
             "" if condition.starts else "does not start",
             f"then {', '.join(after)}" if after else "",
             "" if condition.ever == "well" else f"then {condition.ever} for ever",

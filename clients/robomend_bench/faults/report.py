@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from robomend_bench.faults.classes import CLASSES
+from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.figures import Figure, of_faults, of_stretches
 from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.stretches import STRETCHES
@@ -63,7 +63,7 @@ class Report:
         faults, healthy = self.group("faults"), self.group("healthy")
         if faults:
             yield from ("", f"### Faults ({len(faults)} trials)", "", *_table(of_faults(faults)))
-            yield from ("", *_by("class", faults, _class_of, [c.name for c in CLASSES]))
+            yield from ("", *_by("class", faults, _class_of, list(BY_NAME)))
             yield from ("", *_by("robot", faults, _robot_of, sorted({_robot_of(s) for s in faults})))
             yield from _where_time_goes(faults)
         if healthy:
@@ -72,10 +72,13 @@ class Report:
             yield from ("", *_by_stretch(healthy))
         if apart := self.group("apart"):
             yield from ("", f"### An observer is at fault ({len(apart)} trials, counted apart)", "")
-            yield from _by("class", apart, _class_of, [c.name for c in CLASSES])
+            yield from _by("class", apart, _class_of, list(BY_NAME))
         if self.points is not None:
             yield from ("", f"Points, faults and stretches alike: **{self.points:.3f}** of 1.")
         yield from self._listed("Called repaired that were not", lambda s: s.false_repaired)
+        yield from self._listed("Called healthy that were not", lambda s: s.called_healthy)
+        yield from self._listed("Said to have helped, and did nothing", lambda s: s.credited)
+        yield from self._listed("Healthy nodes left stopped", lambda s: s.left_stopped)
         yield from self._listed("Words against the record", lambda s: s.contradicted)
         yield from self._listed("Wrong acts", lambda s: s.wrong if s.group != "healthy" else [])
         yield from self._listed("Needless acts", lambda s: s.wrong if s.group == "healthy" else [])
@@ -113,7 +116,7 @@ class Report:
             yield from (f"- `{self.again(s.trial)}`: {_shortened(of(s))}" for s in found[:LISTED])
 
     def _ended_wrong(self) -> Iterator[str]:
-        found = [s for s in self.group("faults") if not s.right and not s.false_repaired]
+        found = [s for s in self.group("faults") if not (s.right or s.false_repaired or s.called_healthy)]
         if found:
             yield from ("", f"### Neither repaired nor escalated with its cause ({len(found)} trials)", "")
             for s in found[:LISTED]:
@@ -205,6 +208,48 @@ def _by(
         yield f"| {' | '.join(cells)} |"
 
 
+def beside_table(rows: Mapping[str, Sequence[Score]]) -> Iterator[str]:
+    """Yield one line for each that had the same faults."""
+    yield (
+        "| | repaired | escalated, named | called repaired that were not | wrong acts | power cuts "
+        "| detection → repaired, median / 90th percentile | fault → repaired | less what it decides |"
+    )
+    yield "| --- |" + " ---: |" * 8
+    for name, scores in rows.items():
+        mended = [s for s in scores if s.repairable]
+        hopeless = [s for s in scores if s.repairable is False]
+        acts = sum(s.acts for s in scores)
+        timed = [s for s in scores if s.repaired_s is not None and s.detection_s is not None]
+        repaired_s = [s.repaired_s or 0.0 for s in timed]
+        since_s = [(s.repaired_s or 0.0) + (s.detection_s or 0.0) for s in timed]
+        less_s = [(s.repaired_s or 0.0) - s.parts.get(str(Part.DECIDES), 0.0) for s in timed]
+        cells = [
+            name,
+            _of(sum(bool(s.repaired) for s in mended), len(mended)),
+            _of(sum(bool(s.escalated and s.cause_named) for s in hopeless), len(hopeless)),
+            str(sum(bool(s.false_repaired) for s in scores)),
+            f"{_percent(sum(len(s.wrong) for s in scores), acts)} of {acts}",
+            str(sum(s.cuts for s in scores)),
+            *(_two(times) for times in (repaired_s, since_s, less_s)),
+        ]
+        yield f"| {' | '.join(cells)} |"
+
+
+def beside_json(rows: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
+    """Return the figures of each that had the same faults."""
+    return {name: _figures_json(of_faults(scores)) for name, scores in rows.items() if scores}
+
+
+def _percent(some: int, count: int) -> str:
+    return f"{100 * some / count:.1f}%" if count else "–"
+
+
+def _two(times_s: Sequence[float]) -> str:
+    if not times_s:
+        return "–"
+    return f"{quantile(times_s, 0.5):.1f} / {quantile(times_s, 0.9):.1f} s"
+
+
 def _where_time_goes(scores: Sequence[Score]) -> Iterator[str]:
     """Yield a table of what the seconds from detection to repaired went into, where some trial has them."""
     timed = [score for score in scores if score.parts]
@@ -213,7 +258,7 @@ def _where_time_goes(scores: Sequence[Score]) -> Iterator[str]:
     yield from ("", "Where the seconds from detection to repaired went, mean of the trials:", "")
     yield f"| class | trials | {' | '.join(Part)} | sum |"
     yield "| --- |" + " ---: |" * (len(Part) + 2)
-    for name in (*(each.name for each in CLASSES), "all"):
+    for name in (*BY_NAME, "all"):
         some = [score for score in timed if name in (score.cls, "all")]
         if some:
             means = [sum(score.parts[part] for score in some) / len(some) for part in Part]

@@ -15,13 +15,17 @@ from typing import Any
 
 import yaml
 
-from robomend_bench.faults.anatomy import Anatomy, read_anatomy
-from robomend_bench.faults.classes import universe_of
+from robomend_bench.faults.anatomy import Anatomy, Aspect, read_anatomy
+from robomend_bench.faults.classes import CLASSES, Scenario, universe_of
+from robomend_bench.faults.field import WORLDS
 from robomend_bench.faults.generator import made
 from robomend_bench.faults.observing import SLOWEST_HZ
 from robomend_bench.faults.policy import Policy
 from robomend_bench.faults.universe import Universe
-from robomend_client.literals import Literal
+from robomend_client.literals import Literal, parse_atom
+
+MODELS_SAY_TIMES = False
+"""Whether models may say `boot_s`, `start_s` and `reconnects`."""
 
 FOLDER = Path(__file__).parent / "robots"
 
@@ -41,6 +45,7 @@ class Robot:
     anatomy: Anatomy
     config: Mapping[str, Any] = field(default_factory=dict)  # of the robot's resource, besides the usual
     topics_hz: float | None = None  # the rate that all of its topics have; None: each its own
+    world: str = "usual"  # whose faults it may have
 
     @property
     def slowest_hz(self) -> float:
@@ -49,7 +54,7 @@ class Robot:
 
     @cached_property
     def universe(self) -> Universe:
-        return universe_of(self.anatomy)
+        return universe_of(self.anatomy, dict.fromkeys((*CLASSES, *WORLDS[self.world])))
 
     @cached_property
     def policy(self) -> Policy:
@@ -75,9 +80,11 @@ class Robot:
         return found
 
 
-def robot_names() -> tuple[str, ...]:
+def robot_names(world: str = "usual") -> tuple[str, ...]:
     """Return the robots that run by default."""
-    return (*sorted(path.stem for path in FOLDER.glob("*.yaml")), *MADE)
+    here = sorted(path.stem for path in FOLDER.glob("*.yaml"))
+    more = sorted(path.stem for path in (FOLDER / world).glob("*.yaml"))
+    return (*more, *here, *MADE)
 
 
 @cache
@@ -92,12 +99,55 @@ def find_robot(name: str, topics_hz: float | None = None) -> Robot:
     if name.startswith("made-") and name.removeprefix("made-").isdecimal():
         model, physics = made(int(name.removeprefix("made-")))
         return Robot(name, yaml.safe_dump(model, sort_keys=False), read_anatomy(model, physics))
-    path = FOLDER / f"{name}.yaml"
-    if not name.isidentifier() or not path.exists():
+    path = next((p for p in (FOLDER / f"{name}.yaml", FOLDER / "field" / f"{name}.yaml") if p.exists()), None)
+    if not name.isidentifier() or path is None:
         raise KeyError(name)
     text, _, _ = path.read_text(encoding="utf-8").partition("\n---\n")
     model, rest = yaml.safe_load_all(path.read_text(encoding="utf-8"))
     return Robot(name, text + "\n", read_anatomy(model, rest.get("physics", {})), rest.get("robot", {}))
+
+
+def varied(robot: Robot, scenario: Scenario, world: str) -> Robot:
+    """Return the robot as a scenario has it, with a model of its own name where the model says more."""
+    if not scenario.physics and not scenario.stamped and world == robot.world:
+        return robot
+    anatomy = robot.anatomy
+    devices = {n: replace(d, **scenario.physics.get(n, {})) for n, d in anatomy.devices.items()}
+    nodes = {n: replace(d, **scenario.physics.get(n, {})) for n, d in anatomy.nodes.items()}
+    anatomy = replace(anatomy, devices=devices, nodes=nodes)
+    model = robot.model
+    if scenario.times_known and MODELS_SAY_TIMES:
+        model = _with_times(robot.model, anatomy)
+    if scenario.stamped:
+        anatomy, model = _stamped(anatomy, model, scenario.stamped)
+    return replace(robot, model=model, anatomy=anatomy, world=world)
+
+
+def _stamped(anatomy: Anatomy, model: str, topic: str) -> tuple[Anatomy, str]:
+    """Return both with an observer of a topic's stamps, which are whole seconds."""
+    stamps = replace(anatomy.topics[topic], values={"sec": "whole seconds"})
+    observer = {"kind": "qualitative", "value": "stamp", "source": f"{topic}:sec"}
+    aspect = Aspect(
+        parse_atom("inc(stamp)"), observer, anatomy.host_of(topic), flows=(topic,), still=(topic,)
+    )
+    parsed = yaml.safe_load(model)
+    parsed.setdefault("values", {})["stamp"] = {"topic": topic, "field": "sec"}
+    rule = f"not ab({anatomy.publisher[topic]}) -> inc(stamp)"
+    parsed["rules"] = [*parsed.get("rules", ()), rule]
+    topics = {**anatomy.topics, topic: stamps}
+    found = replace(anatomy, topics=topics, aspects=(*anatomy.aspects, aspect))
+    return found, yaml.safe_dump(parsed, sort_keys=False)
+
+
+def _with_times(model: str, anatomy: Anatomy) -> str:
+    """Return the model with what a robot's owner knows: how long devices boot and nodes start."""
+    parsed = yaml.safe_load(model)
+    for name, device in anatomy.devices.items():
+        parsed["hardware"][name] = {**(parsed["hardware"][name] or {}), "boot_s": device.boot_s}
+    for name, node in anatomy.nodes.items():
+        more = {"start_s": node.start_s + node.warm_s, **({"reconnects": True} if node.reconnects else {})}
+        parsed["nodes"][name] = {**(parsed["nodes"][name] or {}), **more}
+    return yaml.safe_dump(parsed, sort_keys=False)
 
 
 def _at_one_rate(robot: Robot, topics_hz: float) -> Robot:

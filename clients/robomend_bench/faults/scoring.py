@@ -11,15 +11,43 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from robomend_bench.faults.classes import BY_NAME
-from robomend_bench.faults.condition import Act, State, abnormal, broken
-from robomend_bench.faults.kinds import begun
-from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.agents import SECOND_EAR
+from robomend_bench.faults.anatomy import Anatomy
+from robomend_bench.faults.condition import (
+    Act,
+    Condition,
+    DeviceCondition,
+    Mood,
+    NodeCondition,
+    State,
+    abnormal,
+    broken,
+    unseen,
+)
+from robomend_bench.faults.field import BY_NAME
+from robomend_bench.faults.kinds import FOR_EVER, settled
+from robomend_bench.faults.observing import PRESETS, aspects_delay_s
 from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
-from robomend_bench.faults.times import where_time_goes
+from robomend_bench.faults.times import Part, where_time_goes
 from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom
+
+GRACE_S = 0.3
+"""Of what arrives so shortly before something is said nobody knows whether it was known."""
+
+LAPSE_GRACE_S = 0.05
+"""The same of what has not been said again in its lifetime."""
+
+POWER = frozenset({"shutdown", "power_up", "reset_bus", "switch_to_spare"})
+
+
+def _no_power(part: tuple[str, Condition]) -> bool:
+    """Whether what is wrong shows that nothing lacks power: too fast, standing still, only complaining."""
+    _, wrong = part
+    if isinstance(wrong, DeviceCondition):
+        return wrong.complains
+    return wrong.mood in (Mood.FAST, Mood.STILL) or wrong.doubled
 
 
 @dataclass(slots=True)
@@ -41,9 +69,13 @@ class Score:
     false_repaired: list[str] = field(default_factory=list)
     contradicted: list[str] = field(default_factory=list)
     acts: int = 0
+    cuts: int = 0  # acts that take power away
     wrong: list[str] = field(default_factory=list)
     best_acts: int | None = None
     best_exact: bool = True
+    credited: list[str] = field(default_factory=list)  # acts that are said to have helped, and did nothing
+    called_healthy: list[str] = field(default_factory=list)  # what was not well while that was said
+    left_stopped: list[str] = field(default_factory=list)  # healthy nodes that an act had stopped, at the end
     repeated: int = 0  # acts that were done before in this trial more than twice
     alarms: int = 0  # false ones: the truth was healthy
     detection_s: float | None = None  # from the fault
@@ -59,9 +91,17 @@ class Score:
     @property
     def right(self) -> bool:
         """Whether it ended as it should: repaired, or escalated with the cause where nothing repairs it."""
-        if self.false_repaired:
+        if self.false_repaired or self.called_healthy:
             return False
         return bool(self.repaired if self.repairable else self.escalated and self.cause_named)
+
+    @property
+    def beyond_s(self) -> float | None:
+        """How much of detection → repaired the robot itself did not need: for acts, starts, and observers."""
+        if self.repaired_s is None:
+            return None
+        needed = (Part.ACTS, Part.ROBOT, Part.OBSERVERS)
+        return self.repaired_s - sum(self.parts.get(str(part), 0.0) for part in needed)
 
     @property
     def extra(self) -> int | None:
@@ -72,27 +112,34 @@ class Score:
 
     def as_json(self) -> dict[str, Any]:
         """Return the score as JSON values."""
-        return {**asdict(self), "right": self.right, "extra": self.extra}
+        return {**asdict(self), "right": self.right, "extra": self.extra, "beyond_s": self.beyond_s}
 
 
 def score(record: Record, robot: Robot) -> Score:
     """Return the score of a record without error."""
     described = BY_NAME.get(record.trial.cls)
     if described is None:
-        return _healthy(record, _delay_s(record, robot))
+        return _healthy(record, robot, _delay_s(record, robot))
     found = Score(str(record.trial), record.trial.cls, "apart" if described.apart else "faults", record.end_s)
     return _Scoring(record, robot, found).score()
 
 
 def _delay_s(record: Record, robot: Robot) -> float:
-    return PRESETS[record.observers].delay_s(robot.slowest_hz)
+    rates_s = PRESETS[record.observers].delay_s(robot.slowest_hz)
+    return max(rates_s, aspects_delay_s(robot.anatomy))
 
 
-def _healthy(record: Record, delay_s: float) -> Score:
+def _healthy(record: Record, robot: Robot, delay_s: float) -> Score:
     found = Score(str(record.trial), record.trial.cls, "healthy", record.end_s)
     found.acts = len(record.acts)
     found.wrong = [f"{act.at_s:.2f} s: {act.act}" for act in record.acts]
-    found.alarms = _alarms(record, record.diagnoses, delay_s)
+    diagnoses = record.diagnoses
+    if robot.world == "field":  # where what starts slowly is silent in truth, and nobody's fault
+        diagnoses = [
+            d for d in diagnoses if d.healthy or not _silent(record, robot.anatomy, d.at_s - delay_s, d.at_s)
+        ]
+        found.called_healthy = _called_healthy(record, robot, delay_s)
+    found.alarms = _alarms(record, diagnoses, delay_s)
     found.points = max(-1.0, 1.0 - 0.5 * found.acts - 0.1 * found.alarms)
     return found
 
@@ -110,6 +157,64 @@ def _alarms(record: Record, diagnoses: Iterable[Diagnosed], delay_s: float) -> i
     return count
 
 
+def _silent(record: Record, anatomy: Anatomy, from_s: float, until_s: float) -> list[str]:
+    """Return the observed topics that were not heard between two times although they were to come."""
+    return sorted(
+        {
+            topic
+            for topic, last_s, next_s in record.silences
+            if last_s <= until_s and next_s >= from_s and anatomy.topics[topic].observed
+        }
+    )
+
+
+def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
+    """Return what was bad by what was last said of it at a time, or not said again for its lifetime.
+
+    What arrived so shortly before that, or after, that it may or may not have been known counts as good news.
+    """
+    said: dict[Atom, tuple[float, bool | None]] = {}  # atom -> until when, and what
+    fresh: set[Atom] = set()
+    for batch in record.arrived:
+        if batch.at_s > at_s + GRACE_S:
+            break
+        if batch.agent == SECOND_EAR:
+            continue
+        until_s = batch.at_s + batch.lifetime_s
+        values: dict[Atom, bool | None] = {each.atom: each.positive for each in batch.literals}
+        values |= dict.fromkeys(batch.unknown)
+        now = {atom: (until_s, value) for atom, value in values.items()}
+        if batch.at_s > at_s - GRACE_S:
+            fresh |= {atom for atom, (_, positive) in now.items() if positive}
+        if batch.at_s <= at_s + LAPSE_GRACE_S:
+            said |= now
+    found = []
+    for literal in robot.anatomy.healthy:
+        if literal.atom in said and literal.atom not in fresh:
+            until_s, positive = said[literal.atom]
+            if positive is False:
+                found.append(f"{-literal} was said last")
+            elif positive is None:
+                found.append(f"{literal.atom} was said to be unknown")
+        if literal.atom in said and said[literal.atom][0] < at_s - LAPSE_GRACE_S:
+            found.append(f"{literal.atom} had not been said again in its lifetime")
+    return sorted(found)
+
+
+def _called_healthy(record: Record, robot: Robot, delay_s: float) -> list[str]:
+    """Return when somebody was told that the robot is healthy, and it was not, or nobody could know."""
+    found = []
+    for at_s in record.called_healthy:
+        why = _said_otherwise(record, robot, at_s)
+        lasting = [
+            abnormal(robot.anatomy, state) for _, state in record.states_between(at_s - delay_s - 1.0, at_s)
+        ]
+        why += sorted(map(str, frozenset.intersection(*lasting)))
+        if why:
+            found.append(f"{at_s:.2f} s: {', '.join(why[:3])}")
+    return found
+
+
 class _Scoring:
     def __init__(self, record: Record, robot: Robot, found: Score) -> None:
         self.record = record
@@ -120,7 +225,9 @@ class _Scoring:
         self.acts = [acted for acted in record.acts if acted.at_s >= 0]
         self.decision = _decision(record)
         planted = dict.fromkeys(fault for _, fault in record.faults)
-        self.all: State = begun(self.anatomy, *planted)
+        self.field = robot.world == "field"
+        self.beyond_repair = any(fault.kind in FOR_EVER for fault in planted)
+        self.all: State = settled(self.anatomy, *planted)
         self.components = {fault.component for fault in planted}
 
     def score(self) -> Score:
@@ -129,6 +236,8 @@ class _Scoring:
         self._end()
         self._acts()
         self._times()
+        if self.field:
+            self._field()
         self._points()
         return self.found
 
@@ -197,11 +306,14 @@ class _Scoring:
         ]
         if not record.faults:
             return
-        found.repairable = self.robot.policy.repairable(self.all)
+        found.repairable = not self.beyond_repair and self.robot.policy.repairable(self.all)
         found.escalated = last is not None and last.state == "escalated"
         well = bool(record.diagnoses) and record.diagnoses[-1].healthy
         if found.repairable:
-            found.repaired = healed and well and last is not None and last.state == "repaired"
+            ended = last is not None and last.state == "repaired"
+            if not abnormal(self.anatomy, self.all):  # it mends itself: nobody need do anything
+                ended = last is None or last.state in ("repaired", "cancelled")
+            found.repaired = healed and well and ended
         elif found.escalated and last is not None:
             named = {name for name in self.components if name in last.bad or _names(last.reason, name)}
             found.cause_named = bool(named) or self._stands(truth)
@@ -226,13 +338,20 @@ class _Scoring:
         known |= {f.component for began_s, f in self.record.faults if began_s <= at_s - self.delay_s}
         young = {fault.component for _, fault in self.record.faults} - known
         state = frozenset((name, what) for name, what in self.record.state_at(at_s) if name not in young)
-        return sorted(map(str, abnormal(self.anatomy, state)))
+        wrong = sorted(map(str, abnormal(self.anatomy, state)))
+        if self.field:
+            wrong += (
+                f"{topic} not heard yet"
+                for topic in _silent(self.record, self.anatomy, at_s, at_s - self.delay_s)
+            )
+        return wrong
 
     # --- acts
 
     def _acts(self) -> None:
         found = self.found
         found.acts = len(self.acts)
+        found.cuts = sum(acted.act.name in ("shutdown", "reset_bus") for acted in self.acts)
         early = [acted for acted in self.record.acts if acted.at_s < 0]
         found.wrong = [f"{acted.at_s:.2f} s: {acted.act}" for acted in early]
         counts: dict[Act, int] = {}
@@ -275,6 +394,10 @@ class _Scoring:
             }
             state = frozenset((name, what) for name, what in truth if name not in ours)
             there = broken(self.anatomy, state)
+            if act.name in POWER and any(map(_no_power, state)):
+                if any(parts & touched(self.anatomy, name) for name in there):
+                    return True
+                continue
             looks = self.robot.universe.suspects(abnormal(self.anatomy, state), max(1, min(2, len(there))))
             if any(parts & touched(self.anatomy, name) for name in there | looks):
                 return True
@@ -289,6 +412,33 @@ class _Scoring:
             elif wrong:
                 return True
         return False
+
+    # --- what only the field is asked
+
+    def _field(self) -> None:
+        found, record, anatomy = self.found, self.record, self.anatomy
+        found.called_healthy = _called_healthy(record, self.robot, self.delay_s)
+        found.false_repaired += (
+            f"{seen.at_s:.2f} s: {', '.join(why[:3])}"
+            for seen in record.repairs
+            if seen.state == "repaired"
+            and seen.at_s >= 0
+            and "unconfirmed" not in seen.reason
+            and (why := _said_otherwise(record, self.robot, seen.at_s))
+        )
+        stopped = {
+            n for n, w in record.state_at(record.end_s) if isinstance(w, NodeCondition) and not w.running
+        }
+        found.left_stopped = [
+            name
+            for name in sorted(stopped - self.components)
+            if any(acted.act == Act("stop_node", (name,)) for acted in self.acts)
+        ]
+        for each in record.credited:
+            before = broken(anatomy, record.state_at(each.from_s))
+            after = broken(anatomy, record.state_at(each.until_s + GRACE_S))
+            if not (before - after) & set(each.components):
+                found.credited.append(f"{each.from_s:.2f} s: {', '.join(each.components)}")
 
     # --- times
 
@@ -315,10 +465,11 @@ class _Scoring:
         """
         odd = {literal.atom for literal in abnormal(self.anatomy, self.record.state_at(until_s))}
         board = self.anatomy.power == "board"
+        unknown = unseen(self.anatomy, self.record.state_at(until_s))
         wanted = {
             literal.atom: literal.atom not in odd
             for literal in self.anatomy.healthy
-            if not (board and literal.atom.predicate == "on")
+            if not (board and literal.atom.predicate == "on") and literal.atom not in unknown
         }
         held: dict[Atom, bool] = {}
         complete_s: float | None = None

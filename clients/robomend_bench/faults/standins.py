@@ -4,6 +4,7 @@
     sighted   the same, but that an act was in vain it knows when it could be seen, and no sooner
     knowing   knows what is broken from the first symptom on, and awaits only what that has to show: the floor
     idle      does nothing
+    respawn, lifecycle, symptom, upstream   what people use today
 
 They see what the service would: literals of the real observers, fed by the same simulated robots. They make
 records like those of real trials, much faster, and so test the score itself.
@@ -11,18 +12,20 @@ records like those of real trials, much faster, and so test the score itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import partial
 
 from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Planted
 from robomend_bench.faults.condition import Act, abnormal, broken, observed
+from robomend_bench.faults.kinds import PASSING
 from robomend_bench.faults.observing import HostObservers
 from robomend_bench.faults.policy import Belief, Repair
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
-from robomend_bench.faults.robot import Robot, find_robot
+from robomend_bench.faults.robot import Robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
-from robomend_bench.faults.trial import Terms, scenario_of
+from robomend_bench.faults.trial import Terms, longer_s, robot_of, scenario_of
 from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom, Literal
 
@@ -30,13 +33,28 @@ STEP_S = 0.01
 BEFORE_S = 4.0
 """The robot runs so long before its fault, that every observer has its verdict."""
 
+AWAIT_S = 5.0
+"""How long who acts on symptoms waits for them to go."""
+
+MOST_TRIED = 3
+"""How often he does the same to one component."""
+
 STANDINS = ("perfect", "sighted", "knowing", "idle")
+
+IN_USE: Mapping[str, str] = {
+    "respawn": "respawn what ended",
+    "lifecycle": "lifecycle manager: all down, all up",
+    "symptom": "symptom → restart its node",
+    "upstream": "most upstream silent component, then one level up",
+}
+"""What people use today, as further stand-ins."""
 
 
 def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
     """Play a trial with a stand-in; stretches are undisturbed."""
-    agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Knowing, _Idle), strict=True))
-    return _Play(find_robot(trial.robot, terms.topics_hz), trial, terms, agents[standin]).run()
+    kinds = (_Perfect, _Sighted, _Knowing, _Idle, _Respawn, _Lifecycle, _Symptom, _Upstream)
+    agents: Mapping[str, type[_Idle]] = dict(zip((*STANDINS, *IN_USE), kinds, strict=True))
+    return _Play(robot_of(trial, terms.topics_hz), trial, terms, agents[standin]).run()
 
 
 class _Play:
@@ -92,7 +110,7 @@ class _Play:
                     yield at_s, bool(number % 2), each
 
     def _begin(self, begins: bool, planted: Planted) -> None:
-        if planted.spells_s and self.record.acts:
+        if planted.spells_s and self.record.acts and planted.fault.kind not in PASSING:
             return  # restarted, it is well
         if begins:
             self.record.faults.append((self.now_s, planted.fault))
@@ -104,13 +122,14 @@ class _Play:
 
     def _over(self) -> bool:
         times = [at_s for at_s, _ in self.record.states] + [seen.at_s for seen in self.record.repairs]
-        quiet = self.now_s - max([0.0, *times]) > self.terms.quiet_s
+        quiet_s = self.terms.quiet_s + longer_s(self.robot, self.scenario)
+        quiet = self.now_s - max([0.0, *times]) > quiet_s
         return quiet and not self._due and not self._waiting and not self.agent.busy
 
     def _message(self, topic: str, at_s: float) -> None:
         for host in self.hosts:
             if topic in host.topics:
-                host.message(topic, at_s)
+                host.message(topic, at_s, self.body.values(topic, at_s))
 
     def _look(self) -> None:
         anatomy, body = self.robot.anatomy, self.body
@@ -166,7 +185,8 @@ class _Perfect(_Idle):
             return
         self._acting = None
         if self._plan:
-            self._do(self._plan.pop(0))
+            if not self.play.body.would_fail(self._plan[0]):
+                self._do(self._plan.pop(0))
             return
         if not self._settled():
             return
@@ -319,7 +339,7 @@ class _Knowing(_Perfect):
         """Begin what need not wait for the answer of an act on something that it has to do with."""
         before = [each.act for each in self._under_way]
         for act in tuple(self._plan):
-            if not any(self._related(act, other) for other in before):
+            if not self.play.body.would_fail(act) and not any(self._related(act, other) for other in before):
                 self._plan.remove(act)
                 self._do(act)
                 assert self._acting is not None
@@ -347,6 +367,178 @@ class _Knowing(_Perfect):
         for host in play.hosts:
             host.settle(self._settle, atoms)
         return True
+
+
+class _Reflex(_Idle):
+    """What people use today: a symptom has a remedy, which is tried so often, and then a person is called.
+
+    It acts on what the observers say at that moment, awaits AWAIT_S for what it acted upon to be well, and
+    takes the robot for well when no symptom is left.
+    """
+
+    def __init__(self, play: _Play) -> None:
+        super().__init__(play)
+        self._plan: list[Act] = []
+        self._acting: Acted | None = None
+        self._tried: dict[str, int] = {}
+        self._until_s = 0.0
+        self._number = self._round = 0
+        self._bad: tuple[str, ...] = ()
+        self._called: frozenset[Literal] | None = None  # of what a person was told
+
+    @property
+    def busy(self) -> bool:  # type: ignore[override]
+        return bool(self._plan or self._acting or (self._bad and self._called is None))
+
+    def step(self) -> None:
+        play = self.play
+        if self._acting is not None:
+            if self._acting.code is None:
+                return
+            self._acting = None
+            self._until_s = play.now_s + AWAIT_S
+        if self._plan:
+            act = self._plan.pop(0)
+            self._acting = Acted(play.now_s, act, "stand-in")
+            play.record.acts.append(self._acting)
+            play.body.order(act, partial(self._answered, self._acting))
+            return
+        symptoms = frozenset(literal for literal in play.held.values() if not literal.positive)
+        if not symptoms:
+            if self._bad:
+                play.record.diagnoses.append(Diagnosed(play.now_s, ((),)))
+                if self._called is None:
+                    self._tell("repaired", "no symptom is left")
+                self._bad, self._called, self._tried = (), None, {}
+        elif self._called is None or not symptoms <= self._called:
+            self._remedy(symptoms)
+
+    def _remedy(self, symptoms: frozenset[Literal]) -> None:
+        play = self.play
+        blamed = self.blamed(symptoms)
+        if not blamed:
+            return  # it does not look at such symptoms
+        waits = play.now_s < self._until_s
+        if waits and all(name in self._tried for name in blamed):
+            return
+        new = [name for name in blamed if not waits or name not in self._tried]
+        plan = []
+        for name in new:
+            acts = self.remedy(name, self._tried.get(name, 0))
+            self._tried[name] = self._tried.get(name, 0) + 1
+            plan += acts or []
+        if not self._bad:
+            self._number += 1
+            self._round = 0
+            self._called = None
+        if self._bad != tuple(blamed):
+            self._bad = tuple(blamed)
+            play.record.diagnoses.append(Diagnosed(play.now_s, (self._bad,)))
+        if not plan:
+            self._called = symptoms
+            self._tell("escalated", f"nothing is left to be tried for {', '.join(blamed)}")
+            return
+        self._called = None
+        self._round += 1
+        self._plan = list(dict.fromkeys(plan))
+        self._tell("planning", "")
+        self._tell("running", "")
+
+    def blamed(self, symptoms: frozenset[Literal]) -> list[str]:
+        """Return the components that it acts upon."""
+        raise NotImplementedError
+
+    def remedy(self, name: str, tried: int) -> list[Act]:
+        """Return what it does to a component that it has acted upon so often; nothing: it gives up."""
+        return self._restart(name) if tried < MOST_TRIED else []
+
+    def _restart(self, name: str) -> list[Act]:
+        node = self.play.robot.anatomy.nodes[name]
+        if not node.restartable or node.protected:
+            return []
+        runs = Literal(Atom("running", (name,)), False) not in self.play.held.values()
+        return [*([Act("stop_node", (name,))] if runs else []), Act("start_node", (name,))]
+
+    def _publishers(self, symptoms: frozenset[Literal]) -> dict[str, str]:
+        """Return the topics that are not as they should be, each with its publisher."""
+        publisher = self.play.robot.anatomy.publisher
+        topics = [literal.atom.args[0] for literal in symptoms if literal.atom.predicate == "ok"]
+        return {topic: publisher[topic] for topic in sorted(topics) if topic in publisher}
+
+    def _stopped(self, symptoms: frozenset[Literal]) -> list[str]:
+        return sorted(each.atom.args[0] for each in symptoms if each.atom.predicate == "running")
+
+    def _answered(self, acted: Acted, code: int, message: str) -> None:
+        acted.code, acted.message, acted.done_s = code, message, self.play.body.now_s
+
+    def _tell(self, state: str, reason: str) -> None:
+        plan = tuple(map(str, self._plan))
+        seen = RepairSeen(self.play.now_s, f"r-{self._number}", state, self._bad, self._round, reason, plan)
+        self.play.record.repairs.append(seen)
+
+
+class _Respawn(_Reflex):
+    """`respawn: true`: what has ended is started again, for ever; nobody is called."""
+
+    def blamed(self, symptoms: frozenset[Literal]) -> list[str]:
+        return self._stopped(symptoms)
+
+    def remedy(self, name: str, tried: int) -> list[Act]:
+        return [Act("start_node", (name,))]
+
+
+class _Symptom(_Reflex):
+    """Each symptom has its node, which is restarted."""
+
+    def blamed(self, symptoms: frozenset[Literal]) -> list[str]:
+        return list(dict.fromkeys((*self._stopped(symptoms), *self._publishers(symptoms).values())))
+
+
+class _Upstream(_Reflex):
+    """Of the most upstream component without output the node is restarted; then a level up is cycled."""
+
+    def blamed(self, symptoms: frozenset[Literal]) -> list[str]:
+        nodes, odd = self.play.robot.anatomy.nodes, self._publishers(symptoms)
+        off = sorted(each.atom.args[0] for each in symptoms if each.atom.predicate == "on")
+        first = [
+            node for topic, node in odd.items() if not any(i in odd for i in nodes[node].publishes[topic])
+        ]
+        found = [*off, *self._stopped(symptoms), *(first or odd.values())]
+        return list(dict.fromkeys(found))[:1]
+
+    def remedy(self, name: str, tried: int) -> list[Act]:
+        anatomy = self.play.robot.anatomy
+        if name in anatomy.devices:
+            return self._cycle(name) if tried < MOST_TRIED else []
+        levels: list[list[Act]] = [self._restart(name)]
+        for device in anatomy.nodes[name].drives:
+            levels += (self._cycle(one) for one in (device, *anatomy.devices[device].fed_by))
+        levels = [acts for acts in levels if acts]
+        return levels[tried] if tried < len(levels) else []
+
+    def _cycle(self, device: str) -> list[Act]:
+        anatomy = self.play.robot.anatomy
+        described = anatomy.devices[device]
+        if described.switchable and not described.protected:
+            off = Literal(Atom("on", (device,)), False) in self.play.held.values()
+            acts = [*([] if off else [Act("shutdown", (device,))]), Act("power_up", (device,))]
+        elif described.bus is not None:
+            acts = [Act("reset_bus", (described.bus,))]
+        else:
+            return []
+        drivers = sorted({driver for one in anatomy.fed[device] for driver in anatomy.drivers[one]})
+        return [*acts, *(act for driver in drivers for act in self._restart(driver))]
+
+
+class _Lifecycle(_Upstream):
+    """A lifecycle manager: whatever is the matter, all nodes go down, and come up again."""
+
+    def remedy(self, name: str, tried: int) -> list[Act]:
+        if tried >= MOST_TRIED:
+            return []
+        restarts = [self._restart(node) for node in self.play.robot.anatomy.nodes]
+        stops = [act for acts in reversed(restarts) for act in acts if act.name == "stop_node"]
+        return [*stops, *(act for acts in restarts for act in acts if act.name == "start_node")]
 
 
 def _all_touched(anatomy: Anatomy, names: set[str]) -> frozenset[str]:

@@ -16,7 +16,7 @@ from enum import StrEnum
 from itertools import pairwise
 
 from robomend_bench.faults.anatomy import Anatomy
-from robomend_bench.faults.condition import abnormal
+from robomend_bench.faults.condition import abnormal, unseen
 from robomend_bench.faults.record import ENDED, Record
 from robomend_client.literals import Atom
 
@@ -102,12 +102,14 @@ class _Moments:
 
     def _all_told(self, at_s: float) -> bool:
         """Whether the observers had told all of the truth of this moment, the board's word aside."""
-        odd = {literal.atom for literal in abnormal(self._anatomy, self._record.state_at(at_s))}
+        state = self._record.state_at(at_s)
+        odd = {literal.atom for literal in abnormal(self._anatomy, state)}
+        unknown = unseen(self._anatomy, state)
         board = self._anatomy.power == "board"
         last = bisect_right([told_s for told_s, _ in self._told], at_s) - 1
         held = self._told[last][1] if last >= 0 else {}
         return all(
             held.get(literal.atom) == (literal.atom not in odd)
             for literal in self._anatomy.healthy
-            if not (board and literal.atom.predicate == "on")
+            if not (board and literal.atom.predicate == "on") and literal.atom not in unknown
         )

@@ -10,18 +10,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import Callable
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from robomend_bench.faults.classes import Planted, Scenario, draw
+from robomend_bench.faults.body import LIVES_S
+from robomend_bench.faults.classes import Planted, Reporting, Scenario, draw
 from robomend_bench.faults.consistency import contradictions
+from robomend_bench.faults.field import BY_NAME, world_of
+from robomend_bench.faults.kinds import AGAIN, PASSING
 from robomend_bench.faults.live import LiveRobot
-from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ, Preset
+from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ, Preset, aspects_delay_s
 from robomend_bench.faults.record import ENDED, Record, Trial
-from robomend_bench.faults.robot import find_robot
+from robomend_bench.faults.robot import Robot, find_robot, varied
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch, boot
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
@@ -33,6 +36,9 @@ READY_S = 60.0
 """How long a robot may take to be found healthy before its fault; it takes two or three."""
 
 LOOK_S = 0.05
+
+ASK_S = 1.0
+"""How often somebody asks how a robot is."""
 
 TIMEOUT_S = 30.0
 """Of a request; one that is sent again as the computer was busy would find what the first one made."""
@@ -66,9 +72,18 @@ class Terms:
 @cache
 def scenario_of(trial: Trial) -> Scenario:
     """Return the scenario of a trial; that of a stretch has no faults. It may take a while to draw."""
+    anatomy, chance = find_robot(trial.robot).anatomy, random.Random(f"scenario {trial}")
     if trial.cls in STRETCH_BY_NAME:
-        return Scenario()
-    return draw(trial.cls, find_robot(trial.robot).anatomy, random.Random(f"scenario {trial}"))
+        return STRETCH_BY_NAME[trial.cls].scenario(anatomy, chance)
+    return draw(BY_NAME[trial.cls], anatomy, chance)
+
+
+@cache
+def robot_of(trial: Trial, topics_hz: float | None = None) -> Robot:
+    """Return the robot of a trial, as its scenario has it."""
+    stretch = STRETCH_BY_NAME.get(trial.cls)
+    world = world_of(trial.cls) if stretch is None else stretch.world
+    return varied(find_robot(trial.robot, topics_hz), scenario_of(trial), world)
 
 
 async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record:
@@ -77,12 +92,13 @@ async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record
     scenario = scenario_of(trial)
     record.blind = scenario.blind
     try:
-        async with asyncio.timeout(READY_S + terms.most_s + 60.0), AsyncExitStack() as stack:
+        robot = robot_of(trial, terms.topics_hz)
+        most_s = READY_S + 60.0 + _most_s(robot, scenario, terms) + 2 * scenario.longest_s
+        async with asyncio.timeout(most_s), AsyncExitStack() as stack:
             clients = [
                 await stack.enter_async_context(AsyncClient(around.url, timeout_s=TIMEOUT_S))
                 for _ in range(2)
             ]
-            robot = find_robot(trial.robot, terms.topics_hz)
             id = f"{robot.name}.{trial.cls}.{number}"
             live = LiveRobot(
                 robot,
@@ -101,6 +117,21 @@ async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record
     return record
 
 
+def longer_s(robot: Robot, scenario: Scenario) -> float:
+    """Return how much longer nothing must happen, in the field, until nothing more is to come."""
+    if robot.world != "field":
+        return 0.0
+    again_s = LIVES_S + 2.0 if any(fault.kind in AGAIN for fault in scenario.faults) else 0.0
+    reporting = scenario.reporting
+    reports_s = 2 * reporting.late_s + reporting.lifetime_s if reporting != Reporting() else 0.0
+    return max(again_s, 1.2 * scenario.longest_s, aspects_delay_s(robot.anatomy), reports_s)
+
+
+def _most_s(robot: Robot, scenario: Scenario, terms: Terms) -> float:
+    """Return how long a trial may take, from its first fault: in the field there is more to be waited for."""
+    return terms.most_s + (60.0 + 5 * scenario.longest_s if robot.world == "field" else 0.0)
+
+
 class _Play:
     def __init__(self, live: LiveRobot, terms: Terms, around: Bench, client: AsyncClient) -> None:
         self._live = live
@@ -113,11 +144,14 @@ class _Play:
 
     async def run(self) -> None:
         live, client = self._live, self._client
-        await self._around.model(client, live.robot.name, live.robot.model)
+        usual = live.robot.model == find_robot(live.record.trial.robot, self._terms.topics_hz).model
+        model = live.robot.name if usual else live.id
+        await self._around.model(client, model, live.robot.model)
         slow = live.scenario.slowness > 1.0
         settings = live.robot.settings(await live.open(), live.observed(), slow=slow)
+        settings["model"] = model
         boots = self._stretch is not None and self._stretch.boots
-        first_boots = self._stretch is None and self._terms.boots
+        first_boots = self._stretch is None and (self._terms.boots or live.scenario.boots)
         if boots or first_boots:
             live.body.power_down()
         self._around.join(live)
@@ -131,10 +165,11 @@ class _Play:
                 live.begin()
             else:  # that it starts is no part of the trial: until it has, it was only watched
                 await self._healthy(settings if first_boots else None)
-            if self._stretch is not None:
-                await self._hold(self._stretch)
-            else:
-                await self._break()
+            async with self._asking():
+                if self._stretch is not None:
+                    await self._hold(self._stretch)
+                else:
+                    await self._break()
             live.record.end_s = live.at_s()
             await self._read_repairs()
             broken = [agent.broken for agent in live.agents if agent.broken]
@@ -146,7 +181,8 @@ class _Play:
 
     async def _healthy(self, settings: dict[str, Any] | None) -> None:
         """Wait until the service has heard every observer and finds the robot healthy; then configure it."""
-        live, deadline = self._live, self._around.clock() + READY_S
+        live = self._live
+        deadline = self._around.clock() + READY_S + 2 * live.scenario.longest_s
         wanted = {str(literal) for literal in live.observed()}
         while True:
             obs = await self._client.observations(live.id)
@@ -154,7 +190,8 @@ class _Play:
             diagnosis = await self._client.diagnosis(live.id)
             result = diagnosis["result"]
             healthy = result is not None and any(not each["bad"] for each in result["diagnoses"])
-            if wanted <= held and healthy:
+            heard = wanted <= held or live.scenario.reporting.lifetime_s < live.scenario.reporting.heartbeat_s
+            if heard and healthy:
                 break
             if self._around.clock() > deadline:
                 raise NotHealthy(f"after {READY_S:g} s, missing {sorted(wanted - held)[:5]}")
@@ -186,8 +223,43 @@ class _Play:
         if disturbing.done() and not disturbing.cancelled() and (error := disturbing.exception()):
             raise OSError(f"the disturbance failed: {error!r}")
 
+    @asynccontextmanager
+    async def _asking(self) -> AsyncIterator[None]:
+        """Ask now and then how the robot is, as a page does, where the world is the field."""
+        asking = asyncio.create_task(self._ask()) if self._live.robot.world == "field" else None
+        try:
+            yield
+        finally:
+            if asking is not None:
+                asking.cancel()
+                await asyncio.gather(asking, return_exceptions=True)
+
+    async def _ask(self) -> None:
+        live = self._live
+        while True:
+            await asyncio.sleep(ASK_S)
+            with contextlib.suppress(ClientError):
+                asked_s = live.at_s()
+                answer = await self._client.robot(live.id)
+                if answer.value["state"] == "healthy" and live.at_s() - asked_s < ASK_S:
+                    live.record.called_healthy.append(asked_s)
+
     async def _break(self) -> None:
         live, scenario = self._live, self._live.scenario
+        disturbing = None
+        if scenario.disturbed:
+            disturb = STRETCH_BY_NAME[scenario.disturbed].disturb
+            disturbing = asyncio.create_task(disturb(live, self._chance))
+        try:
+            await self._until_over(disturbing)
+        finally:
+            if disturbing is not None:
+                disturbing.cancel()
+                await asyncio.gather(disturbing, return_exceptions=True)
+
+    async def _until_over(self, disturbing: asyncio.Task[None] | None) -> None:
+        live, scenario = self._live, self._live.scenario
+        most_s = _most_s(live.robot, scenario, self._terms)
         if scenario.blind is not None:
             live.disturb_observer()
             live.note(f"observer of {scenario.blind.topic}: {scenario.blind.how}")
@@ -202,7 +274,8 @@ class _Play:
                 for each in waiting:
                     self._plan(each)
                 waiting = []
-            if self._over(bool(waiting)) or live.at_s() > self._terms.most_s or live.record.error:
+            over = self._over(bool(waiting)) and (disturbing is None or disturbing.done())
+            if over or live.at_s() > most_s or live.record.error:
                 return
 
     def _plan(self, planted: Planted) -> None:
@@ -211,6 +284,7 @@ class _Play:
         def begin() -> None:
             self._expected -= 1
             live.plant(planted.fault)
+            live.cut_off(live.scenario.cut_off, cut=bool(live.scenario.cut_off))
 
         self._expected += 1
         if planted.after_s:
@@ -225,10 +299,18 @@ class _Play:
     def _spell(self, planted: Planted, number: int) -> Callable[[], None]:
         live = self._live
 
+        def pass_by() -> None:
+            self._expected -= 1
+            (live.plant if number % 2 else live.lift)(planted.fault)
+            live.cut_off(live.scenario.cut_off, cut=bool(number % 2 and live.scenario.cut_off))
+
         def change() -> None:
             if not any(act.act.parameters == (planted.fault.component,) for act in live.record.acts):
                 (live.plant if number % 2 else live.lift)(planted.fault)
 
+        if planted.fault.kind in PASSING:
+            self._expected += 1
+            return pass_by
         return change
 
     def _over(self, waiting: bool) -> bool:
@@ -237,12 +319,15 @@ class _Play:
         quiet_s = self._around.clock() - live.last_s
         if live.record.open_repairs or self._expected > 0:
             return False
-        spells = [s for each in live.scenario.planted for s in each.spells_s]
+        spells = [
+            s for each in live.scenario.planted for s in each.spells_s if each.fault.kind not in PASSING
+        ]
         if spells and not live.record.acts and live.at_s() < sum(spells):
             return False
         enough_s = self._terms.quiet_s + (5.0 if waiting else 0.0)
         if live.scenario.slowness > 1.0 or live.scenario.blind is not None:
             enough_s += 5.0  # what starts slowly, or runs out, takes its time
+        enough_s += longer_s(live.robot, live.scenario)
         return quiet_s > enough_s
 
     async def _read_repairs(self) -> None:
@@ -254,6 +339,7 @@ class _Play:
                 record.contradictions += (f"{id}: {why}" for why in contradictions(repair))
             if self._terms.accounts:
                 record.account += repair["account"]
+            record.credited += self._live.credited(repair)
 
     async def _forget(self) -> None:
         """Take the robot away from the service, so that it does not care for what is no longer there."""

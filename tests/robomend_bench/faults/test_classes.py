@@ -9,10 +9,11 @@ import pytest
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_text
-from robomend_bench.faults.classes import BY_NAME, CLASSES, FaultClass, draw
+from robomend_bench.faults.classes import CLASSES, FaultClass, draw, universe_of
 from robomend_bench.faults.condition import abnormal, observed
+from robomend_bench.faults.field import BY_NAME, FIELD
 from robomend_bench.faults.generator import made
-from robomend_bench.faults.kinds import NODE_KINDS, Fault, begun
+from robomend_bench.faults.kinds import BESIDE, DEVICE_KINDS, NODE_KINDS, Fault, begun
 from robomend_bench.faults.live import knows
 from robomend_bench.faults.policy import COSTS
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
@@ -34,8 +35,8 @@ def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
     assert len(able) >= (1 if described.name == "spare" else 2)
     for name in able:
         anatomy = find_robot(name).anatomy
-        scenario = draw(described.name, anatomy, random.Random(7))
-        assert scenario == draw(described.name, anatomy, random.Random(7))
+        scenario = draw(described, anatomy, random.Random(7))
+        assert scenario == draw(described, anatomy, random.Random(7))
         assert scenario.faults or scenario.blind is not None
         for fault in scenario.faults:
             assert abnormal(anatomy, begun(anatomy, fault)), fault
@@ -44,20 +45,26 @@ def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
 
 
 def test_every_kind_of_fault_is_planted_by_some_class() -> None:
-    kinds = {fault.kind for robot in robots().values() for fault in robot.universe.weights}
-    assert kinds == {*NODE_KINDS, "off", "off for ever", "broken"}
+    found = [find_robot(name) for name in robot_names("field")]
+    kinds = {
+        fault.kind
+        for robot in found
+        for fault in universe_of(robot.anatomy, (*CLASSES, *FIELD)).weights
+        if not fault.kind.startswith(BESIDE)
+    }
+    assert kinds == {*NODE_KINDS, *DEVICE_KINDS}
 
 
 def test_both_faults_of_a_double_can_be_seen() -> None:
     anatomy = find_robot("base").anatomy
     for number in range(50):
-        first, second = draw("double", anatomy, random.Random(number)).faults
+        first, second = draw(BY_NAME["double"], anatomy, random.Random(number)).faults
         shows = [abnormal(anatomy, begun(anatomy, fault)) for fault in (first, second)]
         assert shows[0] - shows[1]
         assert shows[1] - shows[0]
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", robot_names("field"))
 def test_the_model_is_accepted_and_no_fault_contradicts_it(name: str) -> None:
     robot = find_robot(name)
     system = load_text(robot.model, name=name)

@@ -15,15 +15,19 @@ import click
 import pytest
 
 from robomend_bench.faults.classes import CLASSES
-from robomend_bench.faults.command import choose, command, judge
+from robomend_bench.faults.command import choose, command, judge, names_in
+from robomend_bench.faults.field import BY_NAME, WORLDS
 from robomend_bench.faults.record import Record, Trial, parse_trial
 from robomend_bench.faults.report import Report
 from robomend_bench.faults.robot import robot_names
 from robomend_bench.faults.scoring import Score
-from robomend_bench.faults.stretches import STRETCH_BY_NAME
+from robomend_bench.faults.standins import IN_USE
+from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
+from robomend_bench.faults.trial import robot_of
 from robomend_bench.main import main
 
-ALL = [*(each.name for each in CLASSES), *STRETCH_BY_NAME]
+ALL = list(names_in("usual"))
+USUAL_STRETCHES = [each.name for each in STRETCHES if each.world == "usual"]
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
@@ -41,7 +45,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 def test_a_run_has_the_shares_exactly_and_the_stretches_besides() -> None:
     found = list(choose(220, 3, 1, robot_names(), ALL))
     counts = Counter(trial.cls for trial in found)
-    assert counts == {each.name: 2 * each.share for each in CLASSES} | dict.fromkeys(STRETCH_BY_NAME, 3)
+    assert counts == {each.name: 2 * each.share for each in CLASSES} | dict.fromkeys(USUAL_STRETCHES, 3)
     assert found == list(choose(220, 3, 1, robot_names(), ALL))
     assert len(set(found)) == len(found)
 
@@ -115,6 +119,33 @@ def test_a_stand_in_s_run_is_told_and_written(
     command.make_context("robomend-bench faults", shlex.split(again)[2:])
 
 
+def test_beside_what_people_use_all_have_the_same_faults(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    classes = ("--robots", "base", "--classes", "dead-node,hung-device,off,for-ever")
+    few = ("--trials", "8", *classes, "--observers", "fast", "--beside", "--agent")
+    assert run(monkeypatch, *few, "perfect") == 0
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[0].removeprefix("| ") for row in rows] == ["perfect", *IN_USE.values()]
+    assert len({row[1].partition(" of ")[2] for row in rows}) == 1
+    assert rows[0][1] == "7 of 7"
+    assert run(monkeypatch, *few, "idle", "--format", "json") == 0
+    told = json.loads(capsys.readouterr().out)["beside"]
+    wrong = {
+        name: figures["wrong_acts"]["value"] for name, figures in told.items() if "wrong_acts" in figures
+    }
+    assert wrong[IN_USE["lifecycle"]] > wrong[IN_USE["upstream"]] >= wrong[IN_USE["respawn"]]
+    assert told[IN_USE["respawn"]]["repaired"]["value"] < told[IN_USE["upstream"]]["repaired"]["value"]
+
+
+@pytest.mark.parametrize("world", list(WORLDS))
+def test_each_world_has_its_own_classes_and_stretches(world: str) -> None:
+    names = names_in(world)
+    found = list(choose(110, 1, 1, robot_names(world), names))
+    assert {trial.cls for trial in found} == set(names)
+    assert all(robot_of(trial).world == world for trial in found)
+
+
 def test_a_trial_by_itself_tells_all_that_happened(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -164,7 +195,7 @@ def test_lists_name_what_went_wrong_and_nothing_else() -> None:
 
 def test_the_help_names_every_class_and_robot() -> None:
     text = "".join(command.get_help(click.Context(command)).split())
-    for word in (*ALL, *robot_names()):
+    for word in (*BY_NAME, *STRETCH_BY_NAME, *robot_names("field"), *WORLDS):
         assert word in text, word
 
 
@@ -196,10 +227,10 @@ def test_stretches_for_real(
     if not long:
         pytest.skip("a stretch takes 15 to 30 s: run with --long")
     assert (
-        run(monkeypatch, "--classes", ",".join(STRETCH_BY_NAME), "--stretches", "1", "--format", "json") == 0
+        run(monkeypatch, "--classes", ",".join(USUAL_STRETCHES), "--stretches", "1", "--format", "json") == 0
     )
     told = json.loads(capsys.readouterr().out)
-    assert {score["cls"] for score in told["scores"]} == set(STRETCH_BY_NAME)
+    assert {score["cls"] for score in told["scores"]} == set(USUAL_STRETCHES)
     for score in told["scores"]:
         if score["cls"] in ("jitter", "service-restart", "agent-restart"):
             assert score["acts"] == 0, score

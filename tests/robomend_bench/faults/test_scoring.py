@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import pytest
 from tests.robomend_bench.faults.small import ROBOT, with_faults
 
-from robomend_bench.faults.classes import BY_NAME, CLASSES
+from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.condition import HEALTHY, Act, DeviceCondition, State
+from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.kinds import Fault
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names

@@ -1,0 +1,133 @@
+"""The world of the field: its classes, its robots, and that the simulation does what the truth says of it."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+from tests.robomend_bench.faults.small import odd
+
+from robomend_bench.faults.body import LIVES_S, RECONNECTS_S
+from robomend_bench.faults.classes import FaultClass, draw
+from robomend_bench.faults.condition import abnormal
+from robomend_bench.faults.field import BY_NAME, FIELD, WORLDS
+from robomend_bench.faults.kinds import PASSING, Fault, begun
+from robomend_bench.faults.record import Arrived, Record, RepairSeen, Trial
+from robomend_bench.faults.robot import Robot, find_robot, robot_names
+from robomend_bench.faults.scoring import Score, score
+from robomend_bench.faults.standins import play_with
+from robomend_bench.faults.stretches import STRETCHES
+from robomend_bench.faults.trial import Terms, robot_of, scenario_of
+from robomend_client.literals import holds
+
+DISTURBED = frozenset({"starved-agent", "starved-owner", "starved-planner", "link"})
+"""What makes these is not done to stand-ins."""
+
+
+def able(described: FaultClass) -> list[str]:
+    return [name for name in robot_names("field") if described.faults(find_robot(name).anatomy)]
+
+
+def played(standin: str, trials: Sequence[Trial]) -> list[Score]:
+    terms = Terms("fast", most_s=200.0)
+    return [score(play_with(standin, trial, terms), robot_of(trial)) for trial in trials]
+
+
+def test_shares_are_percent_and_no_name_is_of_two_worlds() -> None:
+    assert sum(each.share for each in FIELD) == 100
+    assert len(BY_NAME) == sum(len(classes) for classes in WORLDS.values())
+    assert {each.name for each in STRETCHES}.isdisjoint(BY_NAME)
+
+
+@pytest.mark.parametrize("described", FIELD, ids=lambda each: each.name)
+def test_each_class_shows_something_on_each_robot_that_has_it(described: FaultClass) -> None:
+    assert able(described)
+    for name in able(described):
+        anatomy = find_robot(name).anatomy
+        assert draw(described, anatomy, random.Random(7)) == draw(described, anatomy, random.Random(7))
+        for fault in described.faults(anatomy):
+            assert abnormal(anatomy, begun(anatomy, fault)), fault
+
+
+@pytest.mark.parametrize("described", [e for e in FIELD if e.name not in DISTURBED], ids=lambda e: e.name)
+def test_who_knows_the_truth_is_right_and_does_nothing_in_vain(described: FaultClass) -> None:
+    trials = [Trial(name, described.name, 1, 1) for name in able(described)[:3]]
+    for found in played("perfect", trials):
+        assert (found.wrong, found.false_repaired, found.called_healthy) == ([], [], []), found
+        if described.name != "short-lived":  # he takes it for well for as long as it is
+            assert found.right, found
+        if not any(fault.kind in PASSING for fault in scenario_of(trials[0]).faults):
+            assert not found.extra, found
+
+
+def test_who_does_nothing_is_right_only_where_it_mends_itself() -> None:
+    trials = [Trial(name, each.name, 1, 1) for each in FIELD for name in able(each)[:1]]
+    for trial, found in zip(trials, played("idle", trials), strict=True):
+        assert not found.right or not abnormal(robot_of(trial).anatomy, frozenset()), found
+        assert not found.escalated, found
+
+
+# --- what the robots do ----------------------------------------------------------------------------------
+
+
+def held(trial: Trial, standin: str = "idle") -> set[str]:
+    """Return what the observers say last."""
+    record = play_with(standin, trial, Terms("fast", most_s=200.0))
+    said = {literal.atom: literal for _, literals in record.said for literal in literals}
+    return {str(literal) for literal in said.values() if literal.atom.predicate not in ("const", "dec")}
+
+
+@pytest.mark.parametrize(
+    ("cls", "number"),
+    [(each, number) for each in ("stands-still", "complains", "too-fast") for number in (1, 2)],
+)
+def test_real_observers_see_what_the_truth_says(cls: str, number: int) -> None:
+    trial = Trial("cart", cls, 1, number)
+    anatomy = robot_of(trial).anatomy
+    wrong = odd(anatomy, begun(anatomy, *scenario_of(trial).faults))
+    assert wrong
+    assert {literal for literal in held(trial) if literal.startswith("not ")} == wrong
+
+
+def test_a_node_that_ends_again_and_again_does_so() -> None:
+    record = play_with("perfect", Trial("pair", "short-lived", 1, 1), Terms("fast", most_s=60.0))
+    broken = [at_s for at_s, state in record.states if at_s > 0 and state and "dead" not in str(state)]
+    ends = [b for a, b in pairwise(broken) if b - a > LIVES_S / 2]
+    assert len(ends) >= 2
+
+
+def test_a_driver_that_reconnects_needs_no_start() -> None:
+    trial = Trial("pair", "reconnects", 1, 2)
+    record = play_with("perfect", trial, Terms("fast"))
+    assert [acted.act.name for acted in record.acts if "node" in acted.act.name] == []
+    back = [at_s for _, _, at_s in record.silences if at_s > 0]
+    assert min(back) >= max(acted.at_s for acted in record.acts) + RECONNECTS_S
+
+
+# --- what is false ---------------------------------------------------------------------------------------
+
+
+def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0) -> Arrived:
+    literals = tuple(-holds("ok", t.removeprefix("not ")) if "not " in t else holds("ok", t) for t in texts)
+    return Arrived(at_s, "onboard", literals, (), lifetime_s)
+
+
+@pytest.mark.parametrize(
+    ("batches", "false"),
+    [
+        ([arrived(1.0, "scan"), arrived(9.0, "scan")], ""),
+        ([arrived(8.0, "scan"), arrived(9.0, "not scan")], "not ok(scan) was said last"),
+        ([arrived(8.0, "not scan"), arrived(9.95, "scan")], ""),
+        ([arrived(1.0, "scan", lifetime_s=8.9)], "ok(scan) had not been said again in its lifetime"),
+    ],
+)
+def test_repaired_is_false_over_what_was_bad_or_had_lapsed(batches: list[Arrived], false: str) -> None:
+    pair = find_robot("cart")
+    robot = Robot("cart", pair.model, pair.anatomy, world="field")
+    record = Record(Trial("cart", "slow-node", 1, 1), "fast", end_s=20.0)
+    record.faults = [(0.0, Fault("planner", "hung"))]
+    record.arrived = batches
+    record.repairs = [RepairSeen(10.0, "r-1", "repaired", ("planner",), 1, "", ())]
+    assert any(false in each for each in score(record, robot).false_repaired) == bool(false)
