@@ -224,7 +224,7 @@ def test_what_has_no_plan_because_it_is_left_alone_is_told_as_that_and_anything_
         "a left alone for a while, as its repairs keep failing or do not last"
     )
     late = Candidate(Diagnosis(("c",)), replace(plan(0), outcome=Outcome.GAVE_UP))
-    assert choose([late]).reason == "no known repair: no plan for c was found in time"
+    assert choose([late]).reason == "no repair was found in time: no plan for c was found in time"
 
 
 def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:

@@ -295,10 +295,7 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
     if not candidates:
         return "nothing is diagnosed bad"
     sentences = dict.fromkeys(
-        sentence
-        for one in candidates
-        if not one.plan.steps
-        for sentence in one.plan.unreachable or _unplanned(one)
+        sentence for one in candidates if not one.plan.steps for sentence in _why_unplanned(one)
     )
     for one in weighed:
         if one.plan.steps and one.failures and not one.spared:
@@ -312,7 +309,9 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
     told = list(sentences)[:TOLD]
     if len(sentences) > TOLD:
         told.append(counted(len(sentences) - TOLD, "more reason"))
-    return f"no known repair: {'; '.join(told)}{_suspects(weighed)}"
+    late = any(one.plan.outcome is Outcome.GAVE_UP for one in candidates)
+    known = "no repair was found in time" if late else "no known repair"
+    return f"{known}: {'; '.join(told)}{_suspects(weighed)}"
 
 
 def _suspects(weighed: Sequence[Alternative]) -> str:
@@ -324,11 +323,13 @@ def _suspects(weighed: Sequence[Alternative]) -> str:
     return f"; suspected most: {', '.join(named)}"
 
 
-def _unplanned(one: Candidate) -> tuple[str, ...]:
-    """Return why there is no plan where no goal is at fault."""
+def _why_unplanned(one: Candidate) -> tuple[str, ...]:
+    """Return why there is no plan: the goals that nothing reaches, and that the time ran out if it did."""
     names = " and ".join(one.diagnosis.bad)
     if one.plan.outcome is Outcome.GAVE_UP:
-        return (f"no plan for {names} was found in time",)
+        return (*one.plan.unreachable, f"no plan for {names} was found in time")
+    if one.plan.unreachable:
+        return one.plan.unreachable
     return () if set(one.diagnosis.bad) & set(one.plan.excluded) else (f"nothing to do about {names}",)
 
 

@@ -17,7 +17,7 @@ class Outcome(StrEnum):
 
     SOLVED = "solved"
     UNSOLVABLE = "unsolvable"  # proved: some goal has no action that reaches it
-    GAVE_UP = "gave-up"  # the time ran out
+    GAVE_UP = "gave-up"  # the time ran out: what is not in `unreachable` may have a plan or none
 
 
 @dataclass(frozen=True, slots=True)

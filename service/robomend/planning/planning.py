@@ -131,6 +131,10 @@ def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -
     goal = [grounder.number(fact) for fact in problem.goal]
     unreachable: dict[int, str] = {}
     serial: list[GroundAction] | None = None
+
+    def sentences() -> tuple[str, ...]:
+        return tuple(unreachable[number] for number in goal if number in unreachable)
+
     while serial is None:
         ground_problem = ground(grounder, [number for number in goal if number not in unreachable])
         unreachable.update(ground_problem.unreachable)
@@ -138,10 +142,16 @@ def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -
         serial = []
         for part in split(ground_problem):
             answer = search.solve(part.part)
-            if answer.outcome is Outcome.GAVE_UP:
-                return replace(gave_up(search.used, 0.0), excluded=problem.excluded, assumed=problem.assumed)
-            if answer.outcome is Outcome.UNSOLVABLE:
-                lost.update(_lost_goals(grounder, part, search))
+            given_up = _lost_goals(grounder, part, search) if answer.outcome is Outcome.UNSOLVABLE else {}
+            if answer.outcome is Outcome.GAVE_UP or given_up is None:
+                unreachable.update(lost)
+                return replace(
+                    gave_up(search.used, 0.0),
+                    unreachable=sentences(),
+                    excluded=problem.excluded,
+                    assumed=problem.assumed,
+                )
+            lost.update(given_up)
             serial.extend(part.actions[index] for index in answer.actions)
         if lost:
             # What waits for a lost goal must be planned anew, without it.
@@ -161,7 +171,7 @@ def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -
             Atom(fact[0], fact[1:]) for fact in problem.initial if fact[0] not in domain.static
         ),
         assumed=problem.assumed,
-        unreachable=tuple(unreachable[number] for number in goal if number in unreachable),
+        unreachable=sentences(),
         excluded=problem.excluded,
         elapsed_s=0.0,
         pddl=(domain.pddl, problem_text(domain, problem, problem.goal)) if options.pddl else None,
@@ -213,8 +223,9 @@ class _PartSearch:
             raise SolverError(
                 f"{planner.name} gave an invalid plan for a part of {len(part.actions)} actions"
             )
-        if answer.outcome is not Outcome.GAVE_UP:
-            _ANSWERS.put((planner.name, part), answer)
+        late = self._deadline is not None and time.monotonic() >= self._deadline
+        if answer.outcome is not Outcome.GAVE_UP and not (late and answer.outcome is Outcome.SOLVED):
+            _ANSWERS.put((planner.name, part), answer)  # not the best that was found until the time was up
         return answer
 
 
@@ -251,8 +262,9 @@ def forget() -> None:
     _ANSWERS.clear()
 
 
-def _lost_goals(grounder: Grounder, part: NamedPart, search: _PartSearch) -> dict[int, str]:
-    """Return the goals of an unsolvable part that must be given up, each with a sentence.
+def _lost_goals(grounder: Grounder, part: NamedPart, search: _PartSearch) -> dict[int, str] | None:
+    """Return the goals of an unsolvable part that must be given up, each with a sentence; None where the time
+    ran out before all of that was proved.
 
     Each goal by itself looked reachable, so goals exclude one another, or need an order of events that does
     not exist. Goals are kept one by one while a plan remains: once beginning with what is broken, once with
@@ -261,27 +273,40 @@ def _lost_goals(grounder: Grounder, part: NamedPart, search: _PartSearch) -> dic
     facts = dict(zip(part.goals, sorted(part.part.goal), strict=True))
     broken = [number for number in facts if not grounder.holds_at_first(number)]
     working = [number for number in facts if grounder.holds_at_first(number)]
-    best: list[int] = []
-    for order in (broken + working, working + broken):
-        kept: list[int] = []
-        for number in order:
-            goal = frozenset(facts[one] for one in (*kept, number))
-            if search.solve(replace(part.part, goal=goal)).outcome is Outcome.SOLVED:
-                kept.append(number)
-        if len(kept) > len(best):
-            best = kept
-    lost = [number for number in facts if number not in best]
+
+    def solvable(numbers: Collection[int]) -> bool:
+        goal = frozenset(facts[one] for one in numbers)
+        answer = search.solve(replace(part.part, goal=goal))
+        if answer.outcome is Outcome.GAVE_UP:
+            raise _GaveUp
+        return answer.outcome is Outcome.SOLVED
+
+    try:
+        best: list[int] = []
+        for order in (broken + working, working + broken):
+            kept: list[int] = []
+            for number in order:
+                if solvable((*kept, number)):
+                    kept.append(number)
+            if len(kept) > len(best):
+                best = kept
+        alone = {number: solvable((number,)) for number in facts if number not in best}
+    except _GaveUp:
+        return None
+    others = ", ".join(sorted({", ".join(grounder.fact(one)[1:]) for one in best}))
     sentences: dict[int, str] = {}
-    for number in lost:
-        alone = search.solve(replace(part.part, goal=frozenset({facts[number]})))
-        name = ", ".join(grounder.fact(number)[1:])
-        word = grounder.fact(number)[0]
-        if alone.outcome is Outcome.SOLVED and best:
-            others = ", ".join(sorted({", ".join(grounder.fact(one)[1:]) for one in best}))
-            sentences[number] = f"{name}: cannot be made {word} together with {others}"
+    for number, possible in alone.items():
+        word, *names = grounder.fact(number)
+        if possible and best:
+            why = f"cannot be made {word} together with {others}"
         else:
-            sentences[number] = f"{name}: no sequence of known actions makes it {word}"
+            why = f"no sequence of known actions makes it {word}"
+        sentences[number] = f"{', '.join(names)}: {why}"
     return sentences
+
+
+class _GaveUp(Exception):
+    """A planner ran out of time: what it was asked is neither possible nor impossible."""
 
 
 def _steps(grounder: Grounder, plan: Sequence[GroundAction]) -> tuple[Step, ...]:

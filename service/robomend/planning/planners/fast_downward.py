@@ -46,7 +46,7 @@ class FastDownward:
                 )
             except (OSError, AssertionError, RuntimeError) as error:
                 raise SolverError(f"Fast Downward failed: {error}") from error
-        return answer(result, optimal=True)
+        return answer(result, optimal=True, exhaustive=False)
 
 
 SPARE_S = 2

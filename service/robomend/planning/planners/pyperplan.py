@@ -87,5 +87,5 @@ class Pyperplan:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = self._engine.solve(up_problem(smaller, costs=False))
-        found = answer(result, optimal=False)
+        found = answer(result, optimal=False, exhaustive=True)
         return replace(found, actions=tuple(kept[index] for index in found.actions))

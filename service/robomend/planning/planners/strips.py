@@ -49,13 +49,21 @@ def up_problem(part: Part, *, costs: bool) -> Any:
     return problem
 
 
-def answer(result: Any, *, optimal: bool) -> PartAnswer:
-    """Return what a `PlanGenerationResult` says, as ours."""
+def answer(result: Any, *, optimal: bool, exhaustive: bool) -> PartAnswer:
+    """Return what a `PlanGenerationResult` says, as ours.
+
+    Args:
+        optimal: the engine promises that its plans are cheapest.
+        exhaustive: it ends without a plan only when it has seen every state: that is a proof, though Unified
+            Planning calls it UNSOLVABLE_INCOMPLETELY.
+    """
     from unified_planning.engines import PlanGenerationResultStatus as Status
 
     if result.plan is not None:
         indices = tuple(int(instance.action.name[1:]) for instance in result.plan.actions)
         return PartAnswer(Outcome.SOLVED, indices, optimal and result.status == Status.SOLVED_OPTIMALLY)
-    if result.status in (Status.UNSOLVABLE_PROVEN, Status.UNSOLVABLE_INCOMPLETELY):
+    if result.status == Status.UNSOLVABLE_PROVEN:
+        return PartAnswer(Outcome.UNSOLVABLE)
+    if exhaustive and result.status == Status.UNSOLVABLE_INCOMPLETELY:
         return PartAnswer(Outcome.UNSOLVABLE)
     return PartAnswer(Outcome.GAVE_UP)
