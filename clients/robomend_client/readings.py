@@ -7,7 +7,9 @@ way something is bad, and by that chooses which remedies make sense: what is too
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any, NamedTuple
 
 MAX_TEXT = 500
 """Characters of a reading's text, and of its limit."""
@@ -38,8 +40,46 @@ class Reading(NamedTuple):
     limit: str = ""  # "at least 22", "50 ± 5"
     symptom: Symptom | None = None
 
+    def as_json(self) -> dict[str, Any]:
+        """Return it as it goes over the wire and is kept, without what it does not say.
+
+        A text is cut to MAX_TEXT, and what does not print (colours of a terminal, line breaks) becomes a
+        space: the service refuses it otherwise, and what a program has printed last may be anything.
+        """
+        value = self.value
+        if not isinstance(value, str) and not isfinite(value):
+            value = str(value)  # JSON has no such number
+        found: dict[str, Any] = {"value": _printable(value) if isinstance(value, str) else value}
+        if self.unit:
+            found["unit"] = _printable(self.unit)
+        if self.limit:
+            found["limit"] = _printable(self.limit)
+        if self.symptom is not None:
+            found["symptom"] = str(self.symptom)
+        return found
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Reading:
+        """Return the reading of `as_json`."""
+        symptom = value.get("symptom")
+        return cls(
+            value["value"],
+            value.get("unit") or "",
+            value.get("limit") or "",
+            None if symptom is None else Symptom(symptom),
+        )
+
     def __str__(self) -> str:
         """Return it as a person reads it: "19.1 V, at least 22"."""
-        shown = self.value if isinstance(self.value, str) else f"{self.value:.4g}"
+        if isinstance(self.value, str):
+            shown = self.value
+        else:  # four digits, and never 1.08e+04 for 10800
+            shown = f"{self.value:.0f}" if 1e4 <= abs(self.value) < 1e15 else f"{self.value:.4g}"
         measured = f"{shown} {self.unit}" if self.unit else shown
         return f"{measured}, {self.limit}" if self.limit else measured
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        text = "".join(letter if letter.isprintable() else " " for letter in text).strip()
+    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 1] + "…"

@@ -20,6 +20,7 @@ from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import timeout
+from robomend_client.readings import Reading, Symptom
 from robomend_client.rest import AsyncClient
 
 SCAN, ODOM = Atom("ok", ("scan",)), Atom("ok", ("odom",))
@@ -112,6 +113,19 @@ def test_a_heartbeat_says_all_of_it_with_the_present_evidence(tmp_path: Path) ->
     assert last["onset"] == [None, 19]
     assert "unknown" not in last
     assert "settled" not in last
+
+
+def test_readings_go_with_changes_and_with_heartbeats(tmp_path: Path) -> None:
+    slow = Reading("6 of 10 Hz", symptom=Symptom.SLOW)
+
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(ODOM, 50), bad(SCAN, 50)._replace(reading=slow))
+        await until(lambda: len(got) >= 2)
+        seen.standing[SCAN] = Verdict(-Literal(SCAN), 70, None, Reading(5.5, "Hz"))
+        await until(lambda: got[-1].get("readings") == [None, {"value": 5.5, "unit": "Hz"}])
+
+    first = reporting(tmp_path, test)[0]
+    assert first["readings"] == [None, {"value": "6 of 10 Hz", "symptom": "slow"}]
 
 
 def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import timeout
+from robomend_client.readings import Reading
 from robomend_client.rest.retry import Retry
 
 log = logging.getLogger(__name__)
@@ -124,7 +125,7 @@ class VerdictReporter:
                 "source": self._source,
                 "lifetime_s": self._lifetime_s,
                 "evidence": evidence(
-                    [(change.since_ns, change.onset_ns) for change in said],
+                    [(change.since_ns, change.onset_ns, change.reading) for change in said],
                     unknown=[str(change.atom) for change in newest if change.value is None],
                     settled=changes[0].settled,
                 ),
@@ -155,7 +156,9 @@ class VerdictReporter:
             time_ns=self._clock.now_ns(),
             source=self._source,
             lifetime_s=self._lifetime_s,
-            evidence=evidence([(verdict.since_ns, verdict.onset_ns) for verdict in verdicts]),
+            evidence=evidence(
+                [(verdict.since_ns, verdict.onset_ns, verdict.reading) for verdict in verdicts]
+            ),
             buffered=False,
         )
 
@@ -170,16 +173,18 @@ class VerdictReporter:
 
 
 def evidence(
-    spans: Sequence[tuple[int | None, int | None]],
+    rests_on: Sequence[tuple[int | None, int | None, Reading | None]],
     unknown: Sequence[str] = (),
     settled: int | None = None,
 ) -> dict[str, Any]:
-    """Return what a batch says beside its observations; `spans` are (since, onset), in their order."""
+    """Return what a batch says beside its observations; `rests_on`: since, onset and reading of each."""
     found: dict[str, Any] = {}
-    if spans:
-        found["since"] = [since_ns for since_ns, _ in spans]
-    if any(onset_ns is not None for _, onset_ns in spans):
-        found["onset"] = [onset_ns for _, onset_ns in spans]
+    if rests_on:
+        found["since"] = [since_ns for since_ns, _, _ in rests_on]
+    if any(onset_ns is not None for _, onset_ns, _ in rests_on):
+        found["onset"] = [onset_ns for _, onset_ns, _ in rests_on]
+    if any(reading is not None for _, _, reading in rests_on):
+        found["readings"] = [None if reading is None else reading.as_json() for _, _, reading in rests_on]
     if unknown:
         found["unknown"] = list(unknown)
     if settled is not None:

@@ -17,7 +17,8 @@ A verdict is a literal with `since`, the beginning of the span that it rests on:
     silence                now, less the silence that was waited for: it is confirmed as long as it goes on
     a reading              the reading
 
-and, where it has one, `onset`: the last good sample before it turned bad. Evidence that is older than an
+and, where it has them, `onset`: the last good sample before it turned bad, and `reading`: what was measured,
+for people ("16 of 50 Hz") and with the kind of its symptom. Evidence that is older than an
 action's answer says nothing about the action, so a verdict never claims to be younger than its samples are.
 
 To add an observer of your own, write a function or a class and name it in the agent's file:
@@ -40,6 +41,7 @@ from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading
 
 SECOND = 1_000_000_000
 
@@ -56,6 +58,7 @@ class Evidence(NamedTuple):
 
     since_ns: int  # the beginning of the span that it rests on
     onset_ns: int | None = None  # the last good sample before it turned bad
+    reading: Reading | None = None  # what was measured
 
 
 class Verdict(NamedTuple):
@@ -64,6 +67,7 @@ class Verdict(NamedTuple):
     literal: Literal
     since_ns: int
     onset_ns: int | None = None
+    reading: Reading | None = None
 
 
 @runtime_checkable

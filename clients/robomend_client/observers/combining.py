@@ -15,6 +15,7 @@ from typing import NamedTuple
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import Evidence, Verdict
 from robomend_client.observers.observer_state import ObserverState
+from robomend_client.readings import Reading
 
 
 class Change(NamedTuple):
@@ -26,6 +27,7 @@ class Change(NamedTuple):
     since_ns: int | None = None
     onset_ns: int | None = None
     settled: int | None = None  # the n of the `settle` that this answers
+    reading: Reading | None = None  # what was measured
 
 
 class Combined:
@@ -79,8 +81,8 @@ class Combined:
                 changes.append(Change(now_ns, atom, None, settled=n))
             else:
                 self._standing[atom] = value
-                since_ns, onset_ns = self._evidence(atom, value)
-                changes.append(Change(now_ns, atom, value, since_ns, onset_ns, n))
+                since_ns, onset_ns, reading = self._evidence(atom, value)
+                changes.append(Change(now_ns, atom, value, since_ns, onset_ns, n, reading))
         return changes
 
     def _value(self, atom: Atom, speakers: Sequence[ObserverState]) -> Literal | None:
@@ -120,7 +122,10 @@ class Combined:
         return n
 
     def _evidence(self, atom: Atom, value: Literal) -> Evidence:
-        """Return what a combined verdict rests on: of what decides alone, the youngest; else all."""
+        """Return what a combined verdict rests on: of what decides alone, the youngest; else all.
+
+        Its reading is that of the youngest that has one.
+        """
         found = [
             verdict
             for state in self._speakers[atom]
@@ -130,4 +135,6 @@ class Combined:
         alone = value.positive is (atom in self._lenient)
         since_ns = (max if alone else min)(verdict.since_ns for verdict in found)
         onsets = [verdict.onset_ns for verdict in found if verdict.onset_ns is not None]
-        return Evidence(since_ns, min(onsets, default=None))
+        read = [verdict for verdict in found if verdict.reading is not None]
+        reading = max(read, key=lambda verdict: verdict.since_ns).reading if read else None
+        return Evidence(since_ns, min(onsets, default=None), reading)

@@ -36,8 +36,8 @@ class Outbox(Backlog):
     ) -> bool:
         """Report observations; True if the service has them, False if they wait on the disk.
 
-        `evidence` is what `calls.observe` takes beside them: since, onset, unknown, settled. What is soon
-        said again (a heartbeat) need not wait on the disk: `buffered=False`.
+        `evidence` is what `calls.observe` takes beside them: since, onset, readings, unknown, settled. What
+        is soon said again (a heartbeat) need not wait on the disk: `buffered=False`.
         """
         batch = self.batch(observations, time_ns, source, lifetime_s, evidence)
         if not self.flush():

@@ -16,6 +16,7 @@ import httpx
 
 from robomend_client.actions import Action, ActionResult, Orders, Settle
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading
 from robomend_client.rest.errors import NotTheService
 from robomend_client.rest.types import Accepted, CurrentDiagnosis, FirstResult, Ingested, Page
 
@@ -142,8 +143,11 @@ def observe(
     onset: Sequence[int | None] | None = None,
     unknown: Iterable[str | Atom] | None = None,
     settled: int | None = None,
+    readings: Sequence[Reading | Mapping[str, Any] | None] | None = None,
 ) -> Call[Accepted]:
-    """Report one batch. `since` and `onset` run parallel to the observations: what each rests on."""
+    """Report one batch. `since`, `onset` and `readings` run parallel to the observations: what each rests on,
+    and what was measured.
+    """
     values: dict[str, Any] = {
         "observations": [str(sentence) for sentence in observations],
         "assertions": dict(assertions) if assertions else None,
@@ -155,6 +159,7 @@ def observe(
         "onset": None if onset is None else list(onset),
         "unknown": None if unknown is None else [str(atom) for atom in unknown],
         "settled": settled,
+        "readings": None if readings is None else [_reading(reading) for reading in readings],
     }
     return Call(
         "POST",
@@ -163,6 +168,10 @@ def observe(
         json={name: value for name, value in values.items() if value is not None},
         headers={"Idempotency-Key": key or new_key()},
     )
+
+
+def _reading(reading: Reading | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    return reading.as_json() if isinstance(reading, Reading) else reading
 
 
 def observe_lines(robot: str, batches: Iterable[Mapping[str, Any]], key: str | None = None) -> Call[Ingested]:

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import IO, Any
 
 from robomend_client.actions import Action, ActionResult
+from robomend_client.readings import Reading
 from robomend_client.rest import calls
 from robomend_client.rest.calls import Versioned
 from robomend_client.rest.sync_sending import Sender
@@ -109,8 +110,12 @@ class Client(Sender):
         lifetime_s: float | None = None,
         together: bool = True,
         key: str | None = None,
+        readings: Sequence[Reading | None] | None = None,
     ) -> Accepted:
-        """Report observations, e.g. `["not ok(scan)"]`; they are on the service's disk when this returns."""
+        """Report observations, e.g. `["not ok(scan)"]`; they are on the service's disk when this returns.
+
+        `readings` runs parallel to them: what was measured, e.g. `Reading(19.1, "V", "at least 22")`.
+        """
         return self.send(
             calls.observe(
                 robot,
@@ -121,6 +126,7 @@ class Client(Sender):
                 lifetime_s=lifetime_s,
                 together=together,
                 key=key,
+                readings=readings,
             )
         )
 

@@ -49,6 +49,15 @@ class Ingested(TypedDict):
     accepted: int
 
 
+class ReadingJson(TypedDict, total=False):
+    """What was measured; see robomend_client.readings."""
+
+    value: float | str
+    unit: str
+    limit: str
+    symptom: str | None
+
+
 class ObservedLiteral(TypedDict):
     """A literal of OBS; not fresh is unknown."""
 
@@ -58,6 +67,7 @@ class ObservedLiteral(TypedDict):
     expires_ns: int | None
     fresh: bool
     used: bool
+    reading: ReadingJson | None
 
 
 class Obs(TypedDict):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Driver, Evidence, GeneralObserver, Rate, ns
+from robomend_client.readings import Reading
 
 SCAN = Atom("ok", ("scan",))
 RATE = Rate(window=11, settle=5, silence_s=0.5, check_s=0.1)
@@ -15,19 +16,24 @@ DEMO = Rate(rate_hz=10, tolerance_hz=1, window=11, settle=5, silence_s=0.5, chec
 class Told:
     """An observer that says what it is told to: the newest sample is its verdict."""
 
-    def __init__(self, source: str, atom: Atom = SCAN, settling_s: float = 1.0) -> None:
+    def __init__(
+        self, source: str, atom: Atom = SCAN, settling_s: float = 1.0, *, reads: bool = False
+    ) -> None:
         self.sources = frozenset((source,))
         self.atoms = (atom,)
         self.period_ns = 0
         self.detection_s = 1.0
         self.settling_s = settling_s
+        self.reads = reads
         self.said: tuple[Literal, ...] = ()
+        self.reading: Reading | None = None
         self.reset(0)
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         if value == "boom":
             raise RuntimeError("boom")
         self.said = () if value is None else (Literal(self.atoms[0], bool(value)),)
+        self.reading = None if value is None else Reading(f"{source} said {value}")
         self.fed_ns = time_ns
 
     def due_ns(self) -> int | None:
@@ -37,10 +43,11 @@ class Told:
         return self.said
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        return Evidence(self.fed_ns)
+        return Evidence(self.fed_ns, reading=self.reading if self.reads else None)
 
     def reset(self, time_ns: int) -> None:
         self.said = ()
+        self.reading = None
         self.fed_ns = time_ns
 
 

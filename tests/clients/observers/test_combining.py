@@ -45,6 +45,18 @@ def test_what_all_say_rests_on_all_and_bad_news_on_the_youngest() -> None:
     assert driver.standing() == [Verdict(fails("ok", "scan"), 40)]
 
 
+def test_what_was_measured_goes_with_the_verdict_and_is_renewed_with_it() -> None:
+    driver = Driver([Told("a", reads=True), Told("b", reads=True), Told("c")], 0)
+    assert [str(change.reading) for change in driver.sample("a", 10, 0)] == ["a said 0"]
+    assert not driver.sample("b", 20, 0)
+    driver.sample("c", 30, 0)
+    assert [str(verdict.reading) for verdict in driver.standing()] == [
+        "b said 0"
+    ]  # the youngest that has one
+    (good,) = [*driver.sample("a", 40, 1), *driver.sample("b", 50, 1), *driver.sample("c", 60, 1)]
+    assert (good.value, str(good.reading)) == (holds("ok", "scan"), "b said 1")
+
+
 def test_two_observers_that_swap_at_one_tick_do_not_flicker() -> None:
     class Ticking(Told):
         def __init__(self, source: str) -> None:
