@@ -57,7 +57,8 @@ def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_wel
     def state(*bad: tuple[str, ...]) -> Any:
         current = SimpleNamespace(healthy=not bad, bad_sets=bad)
         config, parts = SimpleNamespace(policy="auto"), object()
-        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
+        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
 
     def waits(*bad: tuple[str, ...]) -> bool:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop()) > 0.0
@@ -75,7 +76,8 @@ def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_t
     def state(*bad: tuple[str, ...]) -> Any:
         current = SimpleNamespace(healthy=not bad, bad_sets=bad)
         config, parts = SimpleNamespace(policy="auto"), object()
-        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
+        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
 
     def wait_s(*bad: tuple[str, ...]) -> float:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop())

@@ -7,7 +7,8 @@ takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
 configured anew, the back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show
-then.
+then. A diagnosis that blames nobody, or somebody else, because what was bad is not heard at the moment is
+not another one: those who report more rarely than the lifetimes they give would be repaired for ever.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
 from robomend.store import View, audit, repairs
 from robomend.store.records import Paging, Stop, StoredRepair
+from robomend_client.literals import Atom
 
 IDLE_S = 30.0
 """An event wakes us; this is for one that was lost."""
@@ -42,6 +44,7 @@ class ReasonsToRepair:
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
+        self._symptoms: frozenset[Atom] | None = None  # what did not hold then; None: nobody knows any more
         self._untouched: BadSets | None = None  # what the last repair gave up on without having done anything
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
@@ -70,6 +73,7 @@ class ReasonsToRepair:
         self,
         blamed: BadSets | None,
         retry_ns: int | None,
+        symptoms: frozenset[Atom] | None = None,
         *,
         interlocked: bool,
         untouched: bool = False,
@@ -78,10 +82,12 @@ class ReasonsToRepair:
         """A repair has ended; `blamed` are the bad sets that it could not mend.
 
         Args:
+            symptoms: what did not hold then.
             untouched: nothing was done about them.
             unlasting: repairs of them helped, and did not last.
         """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
+        self._symptoms = symptoms
         self._untouched = blamed if untouched and not unlasting else None
         if unlasting:
             self._does_not_last()
@@ -115,9 +121,13 @@ class ReasonsToRepair:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
         self.held_by_stop = False
         blamed = blamed_now(state)
+        bad = self._not_heard(state)
         if blamed is None:
+            late_s = state.sight.may_be_late_s(bad)
+            if late_s > 0:
+                return late_s + 0.001
             self._unhealthy = self._unwell_s = None
-            if state.current is not None and state.current.healthy:
+            if state.current is not None and state.current.healthy and not bad:
                 self.given_up = None
                 if self._untouched is not None:  # a person was told already, as often as this has happened
                     self._flapping.well_by_itself(self._untouched, time.monotonic())
@@ -135,6 +145,8 @@ class ReasonsToRepair:
         acts = state.config.policy != "observe" and state.system.parts is not None
         if not acts or blamed == self.given_up:
             return IDLE_S
+        if self.given_up is not None and (late_s := state.sight.may_be_late_s(bad)) > 0:
+            return late_s + 0.001
         if stop.active:
             self.held_by_stop = True
             return IDLE_S
@@ -145,6 +157,15 @@ class ReasonsToRepair:
         if held_s < hold_s or steady_s > 0:
             return max(hold_s - held_s, steady_s) + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S
+
+    def _not_heard(self, state: Robot) -> tuple[Atom, ...]:
+        """Return what was last said not to hold, and is not heard now; after a repair has given up: of that
+        which did not hold then.
+        """
+        bad = state.sight.lapsed_bad()
+        if self.given_up is None or self._symptoms is None:
+            return bad
+        return tuple(atom for atom in bad if atom in self._symptoms)
 
 
 def settles_s(state: Robot) -> float:
