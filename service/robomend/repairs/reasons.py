@@ -7,8 +7,9 @@ takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
 configured anew, the back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show
-then. A diagnosis that blames nobody, or somebody else, because what was bad is not heard at the moment is
-not another one: those who report more rarely than the lifetimes they give would be repaired for ever.
+then. That what was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried
+again, but the next time only after AGAIN_S, and twice as much each time until all is seen to be well. Those
+who report more rarely than the lifetimes they give would be repaired for ever.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ from robomend_client.literals import Atom
 IDLE_S = 30.0
 """An event wakes us; this is for one that was lost."""
 
+AGAIN_S = 60.0
+MOST_AGAIN_S = 3600.0
+"""Between two repairs of what was given up on, and was only not heard of in between."""
+
 RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
 """Entries of the audit log after which what a repair gave up on is worth another try."""
 
@@ -45,6 +50,9 @@ class ReasonsToRepair:
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
         self._symptoms: frozenset[Atom] | None = None  # what did not hold then; None: nobody knows any more
+        self._lapsed = False  # some of that was not heard of since
+        self._again_s = 0.0  # when that may be a reason to try again, monotonic
+        self._pause_s = AGAIN_S
         self._untouched: BadSets | None = None  # what the last repair gave up on without having done anything
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
@@ -87,7 +95,7 @@ class ReasonsToRepair:
             unlasting: repairs of them helped, and did not last.
         """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
-        self._symptoms = symptoms
+        self._symptoms, self._lapsed = symptoms, False
         self._untouched = blamed if untouched and not unlasting else None
         if unlasting:
             self._does_not_last()
@@ -122,13 +130,14 @@ class ReasonsToRepair:
         self.held_by_stop = False
         blamed = blamed_now(state)
         bad = self._not_heard(state)
+        late_s = state.sight.may_be_late_s(bad)
         if blamed is None:
-            late_s = state.sight.may_be_late_s(bad)
+            self._lapsed = self._lapsed or bool(bad)
             if late_s > 0:
                 return late_s + 0.001
             self._unhealthy = self._unwell_s = None
             if state.current is not None and state.current.healthy and not bad:
-                self.given_up = None
+                self.given_up, self._lapsed, self._pause_s = None, False, AGAIN_S
                 if self._untouched is not None:  # a person was told already, as often as this has happened
                     self._flapping.well_by_itself(self._untouched, time.monotonic())
                     self._untouched = None
@@ -143,9 +152,12 @@ class ReasonsToRepair:
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
+        if self.given_up is not None and self._lapsed and now >= self._again_s:
+            self.given_up, self._lapsed = None, False
+            self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
         if not acts or blamed == self.given_up:
             return IDLE_S
-        if self.given_up is not None and (late_s := state.sight.may_be_late_s(bad)) > 0:
+        if self.given_up is not None and late_s > 0:  # whom else it blames, as not all is heard
             return late_s + 0.001
         if stop.active:
             self.held_by_stop = True
