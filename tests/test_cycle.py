@@ -113,10 +113,17 @@ async def test_what_is_not_approved_is_not_done() -> None:
 async def test_whether_it_helped_is_what_the_diagnosis_afterwards_says(
     after: DiagnosisResult, outcome: TurnOutcome, remembered: str
 ) -> None:
-    repair = Told([LIDAR, after])
+    repair = Told([LIDAR, after, after])
     report = await turn(repair)
     assert (report.outcome, report.before, report.after) == (outcome, LIDAR, after)
-    assert repair.calls[3:] == ["look done", f"remember {remembered}"]
+    assert repair.calls[3:5] == ["look done", f"remember {remembered}"]
+
+
+async def test_that_all_is_well_is_said_of_now_and_not_of_before_it_was_written_down() -> None:
+    repair = Told([LIDAR, HEALTHY, LIDAR])
+    report = await turn(repair)
+    assert (report.outcome, report.after) == (TurnOutcome.HELPED, LIDAR)
+    assert repair.calls[3:] == ["look done", "remember helped", "diagnose"]
 
 
 async def test_a_plan_that_was_cut_off_is_neither_looked_at_nor_remembered() -> None:
@@ -131,7 +138,7 @@ async def test_a_plan_that_was_cut_off_is_neither_looked_at_nor_remembered() -> 
 async def test_a_step_that_policy_refuses_is_for_a_person_unless_all_is_well(
     after: DiagnosisResult, outcome: TurnOutcome
 ) -> None:
-    repair = Told([LIDAR, after], refused=True)
+    repair = Told([LIDAR, after, after], refused=True)
     report = await turn(repair)
     assert report.outcome is outcome
     assert report.execution is not None
@@ -139,7 +146,7 @@ async def test_a_step_that_policy_refuses_is_for_a_person_unless_all_is_well(
 
 
 async def test_the_loop_turns_until_the_robot_is_healthy_and_no_oftener_than_it_may() -> None:
-    seen = [LIDAR, DRIVER, DRIVER, DRIVER, DRIVER, HEALTHY]
+    seen = [LIDAR, DRIVER, DRIVER, DRIVER, DRIVER, HEALTHY, HEALTHY]
     repair = Told(seen)
     assert (await mend(repair)).outcome is TurnOutcome.HEALTHY
     assert repair.calls.count("choose") == 3

@@ -13,7 +13,7 @@ from typing import Any
 
 from robomend_client.events import Event, Kind
 
-FINAL = frozenset({"repaired", "escalated", "cancelled", "failed"})
+FINAL = frozenset({"repaired", "unconfirmed", "escalated", "cancelled", "failed"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,6 +96,8 @@ async def turn(repair: Repair) -> Turn:
     after = await repair.look(choice, execution)
     helped = stands_no_more(choice.diagnosis.bad, after)
     await repair.remember(choice, execution, helped=helped)
+    if after.healthy:  # that is said of now, and to remember took a moment
+        after = await repair.diagnose()
     return Turn(_outcome(execution, after, helped), result, choice, execution, after)
 
 

@@ -24,8 +24,6 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
     assert robot() == ("healthy", [])
     service.api("POST", "/robots/r1/observations", json={"observations": ["ok(odom)"], "lifetime_s": 0.4})
     until(lambda: robot() == ("partly-unknown", ["ok(odom)"]), "odom is unknown")  # it outlived its lifetime
-    service.api("POST", "/robots/r1/observations", json={"observations": ["not ok(odom)"]})
-    assert robot() == ("unhealthy", [])
 
     def told() -> list[object]:
         page = service.run(service.runtime.store.read(events.after, 0))
@@ -33,4 +31,7 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
         return [(data["state"], data["unknown"]) for data in said]
 
     until(lambda: ("partly-unknown", ["ok(odom)"]) in told(), "the event of it")
+    service.api("POST", "/robots/r1/observations", json={"observations": ["not ok(odom)"]})
+    assert robot() == ("unhealthy", [])
+
     assert 'robomend_robots_health{state="unhealthy"} 1.0' in service.http.get("/metrics").text

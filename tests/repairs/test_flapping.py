@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, cast
+from unittest.mock import patch
 
 from robomend.planning.policy import Policy
 from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, WITHIN_S, Flapping
-from robomend.repairs.reasons import ReasonsToRepair
+from robomend.repairs.reasons import AGAIN_S, ReasonsToRepair
 from robomend.store.records import Stop
+from robomend_client.literals import Atom
 
 LIDAR = frozenset({("lidar",), ("driver",)})
 MAP = frozenset({("mapping",)})
@@ -57,7 +60,8 @@ def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_wel
     def state(*bad: tuple[str, ...]) -> Any:
         current = SimpleNamespace(healthy=not bad, bad_sets=bad)
         config, parts = SimpleNamespace(policy="auto"), object()
-        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
+        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
 
     def waits(*bad: tuple[str, ...]) -> bool:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop()) > 0.0
@@ -75,7 +79,8 @@ def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_t
     def state(*bad: tuple[str, ...]) -> Any:
         current = SimpleNamespace(healthy=not bad, bad_sets=bad)
         config, parts = SimpleNamespace(policy="auto"), object()
-        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
+        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
 
     def wait_s(*bad: tuple[str, ...]) -> float:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop())
@@ -96,3 +101,29 @@ def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_t
         found.gave_up(LIDAR, None, interlocked=False)  # something was done each time: see quarantine
         wait_s()
     assert begun == 3 * TIMES
+
+
+def test_what_was_given_up_on_and_only_not_heard_of_is_tried_again_more_and_more_rarely() -> None:
+    now_s, scan = 1000.0, Atom("ok", ("scan",))
+
+    def state(*bad: tuple[str, ...], heard: bool = True) -> Any:
+        sight = SimpleNamespace(lapsed_bad=lambda: () if heard else (scan,), may_be_late_s=lambda atoms: 0.0)
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
+        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
+
+    def begins(robot: Any) -> bool:
+        return found.wait_s(cast(Any, robot), Policy(), Stop()) == 0.0
+
+    found, begun = ReasonsToRepair(), list[float]()
+    with patch("time.monotonic", lambda: now_s):
+        while now_s < 1000.0 + 10 * AGAIN_S:
+            if begins(state(*LIDAR)):
+                begun.append(now_s)
+                found.gave_up(LIDAR, None, frozenset({scan}), interlocked=False)
+            now_s += 1.0
+            assert not begins(state(heard=False))  # its reporter is late, again
+            now_s += 1.0
+        assert [then - before for before, then in pairwise(begun)] == [2.0, 60.0, 120.0, 240.0]
+        begins(state())  # it was seen to be well
+        assert begins(state(*LIDAR))

@@ -110,6 +110,7 @@ OTHER_WORDS = {
     ("drills/drills.py", "done"),
     ("drills/one_drill.py", "done"),
     ("repairs/left_off.py", "running"),  # the predicate
+    ("robots/sight.py", "unconfirmed"),  # an attribute: what acts have made uncertain
     ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
     ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none
     ("web/fleet.py", "waiting"),  # for a person: a filter of the list

@@ -13,7 +13,7 @@ from robomend_bench.faults.condition import Act, DeviceCondition, NodeCondition,
 from robomend_bench.faults.kinds import Fault
 from robomend_client.literals import Atom, Literal
 
-ENDED = frozenset({"repaired", "escalated", "cancelled", "failed"})
+ENDED = frozenset({"repaired", "unconfirmed", "escalated", "cancelled", "failed"})
 """States that a repair does not leave."""
 
 

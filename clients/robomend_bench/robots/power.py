@@ -44,7 +44,7 @@ VICTIM = "jaguar"
 RATE_HZ, TOLERANCE_HZ = 10.0, 3.0
 """That this computer is busy is no fault of the robot: as in the demo."""
 
-ENDED = ("escalated", "cancelled", "failed")
+ENDED = ("unconfirmed", "escalated", "cancelled", "failed")
 
 NODE = """
 import json, os, socket, sys, threading, time

@@ -4,7 +4,7 @@
 | component                          | a component of the model                                   |
 | fault, ERROR and CONFIRMED         | bad in every diagnosis, and all of them are known          |
 | fault, WARN and PREFAILED          | bad in some                                                |
-| execution of the operation repair  | a repair: pending, running, completed (it helped), failed  |
+| execution of the operation repair  | a repair: pending, running, completed (seen to help), failed |
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ STATUS = {
     RepairState.RUNNING: "running",
     RepairState.VERIFYING: "running",
     RepairState.REPAIRED: "completed",
+    RepairState.UNCONFIRMED: "failed",
     RepairState.ESCALATED: "failed",
     RepairState.CANCELLED: "failed",
     RepairState.FAILED: "failed",

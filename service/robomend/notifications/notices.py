@@ -3,6 +3,7 @@
 event                                                    about        told again
 repair   a plan, or a question, waits for a yes          approval     for another plan or question
 repair   it ended, and a person is needed                escalated    for another repair
+repair   it acted, and nobody saw that it helped         escalated    for another repair
 drill    it ended, and left the robot unhealthy          escalated    for another drill
 robot    nothing is known of it                          unknown      after an hour
 stop     the global stop was set, or lifted              stop         each time
@@ -27,7 +28,9 @@ Json = Mapping[str, Any]
 KINDS = frozenset({Kind.REPAIR, Kind.DRILL, Kind.ROBOT, Kind.STOP})
 """Of events that may be told of."""
 
-TOLD = frozenset({RepairState.AWAITING_APPROVAL, RepairState.ESCALATED, RepairState.FAILED})
+TOLD = frozenset(
+    {RepairState.AWAITING_APPROVAL, RepairState.UNCONFIRMED, RepairState.ESCALATED, RepairState.FAILED}
+)
 """States of a repair that people are told of."""
 
 MOST_TOLD = 20
@@ -121,6 +124,10 @@ def _of_repair(event: Event) -> Notice | None:
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
     elif data.get("drill") is not None:  # its fault was planted, and is undone: nobody is needed for it
         return None
+    elif state == RepairState.UNCONFIRMED:
+        if not data.get("rounds"):  # it did nothing
+            return None
+        about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and is not confirmed"
     else:
         about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and a person is needed"
     lines += [f"reason: {reason}"] if reason else []

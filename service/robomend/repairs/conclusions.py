@@ -66,16 +66,26 @@ def unseen(state: Robot, written: Json) -> str | None:
     return UNSEEN if not sent and health_of(state)[0] is HealthState.UNKNOWN else None
 
 
+def nobody_blamed(state: Robot, written: Json) -> tuple[RepairTrigger, str]:
+    """Return what ends a repair of which the last diagnosis blames nobody: it is well only by what is known
+    now, of all that should be (robomend.robots.health).
+    """
+    if (nothing := unseen(state, written)) is not None:
+        return RepairTrigger.OVERTAKEN, nothing
+    how, unknown = health_of(state)
+    if how is HealthState.UNHEALTHY:
+        return RepairTrigger.OVERTAKEN, "something is blamed again"
+    if how is not HealthState.HEALTHY:
+        return RepairTrigger.UNSEEN, unconfirmed(unknown, state)
+    return RepairTrigger.HEALTHY, well(ALL_WELL if written.get("rounds") else BY_ITSELF, state)
+
+
 def well(reason: str, state: Robot) -> str:
     """Return the reason of a repair that ends well, with what is silent although nothing is wrong.
 
     Topics that wait for an input from outside, or for each other, are nobody's fault; a person should hear of
-    it all the same, and not that every observation is as it should be. Of what came after the diagnosis,
-    nobody can say yet whom it blames.
+    it all the same, and not that every observation is as it should be.
     """
-    current = state.current
-    if current is None or not current.healthy or current.revision < state.revision:
-        return reason
     literals = (literal for literal in state.literals() if literal.atom.predicate == "ok")
     seen = sorted(str(literal) for literal in literals if not literal.positive)
     if not seen:
@@ -90,12 +100,23 @@ def named(what: Sequence[object]) -> str:
     return ", ".join(map(str, what[:NAMED])) + more
 
 
-def unconfirmed(atoms: Sequence[Atom]) -> str:
-    """Return the reason of a repair after which nobody spoke of these, who would if they were not well."""
-    return (
-        f"repaired, unconfirmed: {named(atoms)} stood before the last act, and nobody has said otherwise "
-        "since; who observes it speaks on change only"
-    )
+def unconfirmed(unknown: Sequence[Atom], state: Robot) -> str:
+    """Return the reason of a repair after which nothing is known to be wrong, and this is not known."""
+    held = {atom: state.obs.get(atom) for atom in unknown}
+    bad = [str(entry.literal) for entry in held.values() if entry is not None and not entry.positive]
+    stood = [a for a in state.sight.confirmed_by_silence() if (e := held.get(a)) is not None and e.positive]
+    rest = [atom for atom in unknown if atom not in stood and f"not {atom}" not in bad]
+    told = []
+    if bad:
+        told.append(f"{named(bad)} was the last that was said of it, and nobody has said anything since")
+    if stood:
+        told.append(
+            f"{named(stood)} stood before the last act, and nobody has said otherwise since; who observes "
+            "it speaks on change only"
+        )
+    if rest:
+        told.append(f"nobody reports {named(rest)} any more")
+    return f"not confirmed: {'; '.join(told)}"
 
 
 def in_doubt(last: Turn) -> str | None:
@@ -111,10 +132,8 @@ def conclusion(last: Turn, signals: Signals, written: Json, state: Robot) -> tup
     rounds = _vain_rounds(written)
     why = last.execution.reason if last.execution is not None else ""
     match last.outcome:
-        case TurnOutcome.HEALTHY if (nothing := unseen(state, written)) is not None:
-            return RepairTrigger.OVERTAKEN, nothing
         case TurnOutcome.HEALTHY:
-            return RepairTrigger.HEALTHY, ALL_WELL if written.get("rounds") else BY_ITSELF
+            return nobody_blamed(state, written)
         case TurnOutcome.HALTED | TurnOutcome.NOT_APPROVED:
             return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case TurnOutcome.NOTHING_TO_TRY:

@@ -29,6 +29,7 @@ from robomend.repairs.record import RepairRecord
 from robomend.repairs.remembering import judged, set_aside, spent
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
@@ -79,10 +80,9 @@ class LiveRepair:
         """Return the diagnosis of OBS now, after every configured observer was heard."""
         if await self._hearing.hear_all():
             await self._record.update(RepairTrigger.HEARD, waiting_for=[])
-        result = await self._newest()
-        if result.healthy:
-            result = await self._confirming.healthy(result)
-        result = await self._calm.settled(result)
+        result = await self._verified(await self._newest())
+        if not result.healthy:
+            result = await self._verified(await self._calm.settled(result))
         wanted = self._record.data.get("wanted")
         if wanted and not result.healthy and not self._record.data.get("rounds"):
             named = tuple(d for d in result.diagnoses if set(d.bad) == set(wanted))
@@ -97,6 +97,32 @@ class LiveRepair:
             return result
         confirmed = self._robots.diagnosing.of(self._state, self._state.sight.literals())
         return await self._signals.unless_halted(confirmed)
+
+    async def _verified(self, result: DiagnosisResult) -> DiagnosisResult:
+        """Return a diagnosis that is not healthy, or one that is, and of what is known of the robot now.
+
+        What lapsed a moment ago may only be late: it is waited for, for one more of its lifetimes. Whoever
+        ends the repair looks once more (robomend.robots.health).
+
+        Raises:
+            Silent: nobody could confirm what acts made uncertain.
+        """
+        told = False
+        while result.healthy:
+            result = await self._confirming.healthy(result)
+            _, unknown = health_of(self._state)
+            late_s = self._state.sight.may_be_late_s(unknown)
+            asked = self._record.data.get("asked") and not self._record.data.get("rounds")
+            if not result.healthy or (not self._state.not_judged() and (late_s <= 0 or asked)):
+                return result
+            if not told and late_s > 1.0:
+                told, names = True, [str(atom) for atom in unknown]
+                await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
+            await self._signals.unless_halted(
+                self._state.changed(self._state.revision, min(max(0.01, late_s), LOOK_S))
+            )
+            result = await self._newest()
+        return result
 
     # --- choose
 
@@ -191,14 +217,13 @@ class LiveRepair:
         while True:
             revision = self._state.revision
             result = await self._newest()
-            helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy and await self._hearing.unheard():
                 # Nothing is known to be wrong because nothing is known: an observer fell silent meanwhile.
                 await self._hearing.hear_all()
-                return await self._newest()
+                result = await self._newest()
             if result.healthy:
-                result = await self._confirming.healthy(result)
-                helped = stands_no_more(choice.diagnosis.bad, result)
+                result = await self._verified(result)
+            helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
             await self._signals.unless_halted(self._state.changed(revision, LOOK_S))

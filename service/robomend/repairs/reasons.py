@@ -7,7 +7,9 @@ takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
 configured anew, the back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show
-then.
+then. That what was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried
+again, but the next time only after AGAIN_S, and twice as much each time until all is seen to be well. Those
+who report more rarely than the lifetimes they give would be repaired for ever.
 """
 
 from __future__ import annotations
@@ -25,9 +27,14 @@ from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
 from robomend.store import View, audit, repairs
 from robomend.store.records import Paging, Stop, StoredRepair
+from robomend_client.literals import Atom
 
 IDLE_S = 30.0
 """An event wakes us; this is for one that was lost."""
+
+AGAIN_S = 60.0
+MOST_AGAIN_S = 3600.0
+"""Between two repairs of what was given up on, and was only not heard of in between."""
 
 RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
 """Entries of the audit log after which what a repair gave up on is worth another try."""
@@ -42,6 +49,10 @@ class ReasonsToRepair:
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
+        self._symptoms: frozenset[Atom] | None = None  # what did not hold then; None: nobody knows any more
+        self._lapsed = False  # some of that was not heard of since
+        self._again_s = 0.0  # when that may be a reason to try again, monotonic
+        self._pause_s = AGAIN_S
         self._untouched: BadSets | None = None  # what the last repair gave up on without having done anything
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
@@ -70,6 +81,7 @@ class ReasonsToRepair:
         self,
         blamed: BadSets | None,
         retry_ns: int | None,
+        symptoms: frozenset[Atom] | None = None,
         *,
         interlocked: bool,
         untouched: bool = False,
@@ -78,10 +90,12 @@ class ReasonsToRepair:
         """A repair has ended; `blamed` are the bad sets that it could not mend.
 
         Args:
+            symptoms: what did not hold then.
             untouched: nothing was done about them.
             unlasting: repairs of them helped, and did not last.
         """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
+        self._symptoms, self._lapsed = symptoms, False
         self._untouched = blamed if untouched and not unlasting else None
         if unlasting:
             self._does_not_last()
@@ -115,10 +129,15 @@ class ReasonsToRepair:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
         self.held_by_stop = False
         blamed = blamed_now(state)
+        bad = self._not_heard(state)
+        late_s = state.sight.may_be_late_s(bad)
         if blamed is None:
+            self._lapsed = self._lapsed or bool(bad)
+            if late_s > 0:
+                return late_s + 0.001
             self._unhealthy = self._unwell_s = None
-            if state.current is not None and state.current.healthy:
-                self.given_up = None
+            if state.current is not None and state.current.healthy and not bad:
+                self.given_up, self._lapsed, self._pause_s = None, False, AGAIN_S
                 if self._untouched is not None:  # a person was told already, as often as this has happened
                     self._flapping.well_by_itself(self._untouched, time.monotonic())
                     self._untouched = None
@@ -133,8 +152,13 @@ class ReasonsToRepair:
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
+        if self.given_up is not None and self._lapsed and now >= self._again_s:
+            self.given_up, self._lapsed = None, False
+            self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
         if not acts or blamed == self.given_up:
             return IDLE_S
+        if self.given_up is not None and late_s > 0:  # whom else it blames, as not all is heard
+            return late_s + 0.001
         if stop.active:
             self.held_by_stop = True
             return IDLE_S
@@ -145,6 +169,15 @@ class ReasonsToRepair:
         if held_s < hold_s or steady_s > 0:
             return max(hold_s - held_s, steady_s) + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S
+
+    def _not_heard(self, state: Robot) -> tuple[Atom, ...]:
+        """Return what was last said not to hold, and is not heard now; after a repair has given up: of that
+        which did not hold then.
+        """
+        bad = state.sight.lapsed_bad()
+        if self.given_up is None or self._symptoms is None:
+            return bad
+        return tuple(atom for atom in bad if atom in self._symptoms)
 
 
 def settles_s(state: Robot) -> float:

@@ -18,7 +18,7 @@ import structlog
 from robomend.cycle import mend
 from robomend.errors import NotFound, RobomendError, StoreError
 from robomend.repairs.acts import Acts
-from robomend.repairs.conclusions import BadSets, blamed_now, conclusion, end_of, in_doubt, unconfirmed, well
+from robomend.repairs.conclusions import BadSets, blamed_now, conclusion, end_of, in_doubt
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
@@ -175,15 +175,14 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             unlasting = last.choice is not None and last.choice.unlasting
-            blamed = blamed_now(state) or (at_first if unlasting else None)  # well again, and not for long
+            # well again, and not for long, or what was bad is not heard at the moment
+            gone = unlasting or state.sight.lapsed_bad()
+            blamed = blamed_now(state) or (at_first if gone else None)
             self.stopped()
             end, reason = conclusion(last, signals, record.data, state)
-            if end is RepairTrigger.HEALTHY:
-                silent = state.sight.confirmed_by_silence()
-                reason = well(unconfirmed(silent) if silent else reason, state)
-                state.sight.unconfirmed.clear()
-                if (told := self._reasons.well_by_itself(record, at_first)) is not None:
-                    end, reason = RepairTrigger.NEEDS_PERSON, told
+            well = end in {RepairTrigger.HEALTHY, RepairTrigger.UNSEEN}
+            if well and (told := self._reasons.well_by_itself(record, at_first)) is not None:
+                end, reason = RepairTrigger.NEEDS_PERSON, told
         except StoreError:
             raise  # the repair stays open and is entered again
         except Exception as error:  # whatever it is: a person must see it, and the loop lives on
@@ -195,7 +194,8 @@ class RobotRepairs:
             if end is RepairTrigger.OVERTAKEN:
                 blamed = None  # the new one may begin a repair of its own
             elif end is RepairTrigger.NEEDS_PERSON:
-                blamed = blamed_now(state)  # by what came of its acts; a new repair would end as this one did
+                # By what came of its acts; a new repair would end as this one did.
+                blamed = blamed_now(state) or (at_first if state.sight.lapsed_bad() else None)
             elif end is RepairTrigger.BROKE:
                 unforeseen = not isinstance(error, RobomendError)
                 log.warning(
@@ -229,7 +229,8 @@ class RobotRepairs:
         person = end is RepairTrigger.NEEDS_PERSON
         why = {"interlocked": person and state.interlocked() is not None, "unlasting": unlasting}
         untouched = person and not record.data.get("rounds")
-        self._reasons.gave_up(blamed if gives_up else None, retry_ns, untouched=untouched, **why)
+        symptoms = state.sight.symptoms()
+        self._reasons.gave_up(blamed if gives_up else None, retry_ns, symptoms, untouched=untouched, **why)
         given_up = self._reasons.given_up
         await record.update(
             end,

@@ -20,13 +20,20 @@ class RepairState(StrEnum):
     RUNNING = "running"
     VERIFYING = "verifying"  # the plan has ended: did it help?
     REPAIRED = "repaired"
+    UNCONFIRMED = "unconfirmed"  # nothing is known to be wrong, and nobody has seen that it is well
     ESCALATED = "escalated"  # a person is needed
     CANCELLED = "cancelled"
     FAILED = "failed"  # a part of the service failed
 
 
 ENDS = frozenset(
-    {RepairState.REPAIRED, RepairState.ESCALATED, RepairState.CANCELLED, RepairState.FAILED},
+    {
+        RepairState.REPAIRED,
+        RepairState.UNCONFIRMED,
+        RepairState.ESCALATED,
+        RepairState.CANCELLED,
+        RepairState.FAILED,
+    },
 )
 """Nothing happens to a repair any more."""
 
@@ -47,6 +54,7 @@ class RepairTrigger(StrEnum):
     OVERTAKEN = "the diagnosis changed meanwhile, or nothing is observed"
     ROUND_ENDED = "every step is done, or one went wrong"
     HEALTHY = "every observation is what a healthy robot shows"
+    UNSEEN = "nothing is known to be wrong, and not all that was is seen to be well"
     NEEDS_PERSON = "a person is needed"
     QUESTIONED = "an action that must not be repeated may have acted"
     GO_ON = "a person looked, and says to go on"
@@ -82,6 +90,9 @@ REPAIR: dict[tuple[RepairState, RepairTrigger], RepairState] = {
     (RepairState.WAITING, RepairTrigger.HEALTHY): RepairState.REPAIRED,
     (RepairState.PLANNING, RepairTrigger.HEALTHY): RepairState.REPAIRED,
     (RepairState.VERIFYING, RepairTrigger.HEALTHY): RepairState.REPAIRED,
+    (RepairState.WAITING, RepairTrigger.UNSEEN): RepairState.UNCONFIRMED,
+    (RepairState.PLANNING, RepairTrigger.UNSEEN): RepairState.UNCONFIRMED,
+    (RepairState.VERIFYING, RepairTrigger.UNSEEN): RepairState.UNCONFIRMED,
     (RepairState.WAITING, RepairTrigger.NEEDS_PERSON): RepairState.ESCALATED,
     (RepairState.PLANNING, RepairTrigger.NEEDS_PERSON): RepairState.ESCALATED,
     (RepairState.RUNNING, RepairTrigger.NEEDS_PERSON): RepairState.ESCALATED,

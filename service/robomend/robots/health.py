@@ -2,8 +2,10 @@
 
 unhealthy        the diagnosis blames somebody
 unknown          nobody observes it: nothing of its `observed` list, or nothing at all, is fresh
-partly-unknown   nothing is known to be wrong, and some of its `observed` list is not known
-healthy          all that should be observed is, and the diagnosis blames nobody
+partly-unknown   nothing is known to be wrong, and something is not known, or not judged yet
+healthy          all that should be observed is, and the diagnosis of that blames nobody
+
+`health_of` alone decides it: for the robot's state, the lists and pages, drills, and the end of a repair.
 """
 
 from __future__ import annotations
@@ -40,16 +42,19 @@ UNCLEAR = frozenset({HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN})
 
 
 def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
-    """Return how a robot is, and what of its `observed` list is not known."""
-    observed = robot.sight.observed
-    unknown = tuple(sorted(atom for atom in observed if not robot.sight.reported(atom))) if observed else ()
+    """Return how a robot is, and what is not known of it although somebody should report it, or did."""
+    sight = robot.sight
+    observed = sight.observed
+    silent = {atom for atom in observed if not sight.reported(atom)} if observed else set[Atom]()
+    unknown = tuple(sorted({*silent, *sight.lapsed(), *sight.not_seen_since_acts()}))
     if robot.current is None:
         return HealthState.UNKNOWN, unknown
     if not robot.current.healthy:
         return HealthState.UNHEALTHY, unknown
-    if len(unknown) == len(observed) and (observed or not robot.literals()):
+    if len(silent) == len(observed) and (observed or not robot.literals()):
         return HealthState.UNKNOWN, unknown
-    return (HealthState.PARTLY_UNKNOWN if unknown else HealthState.HEALTHY), unknown
+    doubtful = unknown or robot.not_judged()
+    return (HealthState.PARTLY_UNKNOWN if doubtful else HealthState.HEALTHY), doubtful
 
 
 class HealthWatch:
@@ -66,12 +71,20 @@ class HealthWatch:
         )
 
     def look(self, state: Robot) -> None:
-        """A diagnosis was published or confirmed."""
+        """A diagnosis was published or confirmed.
+
+        What lapsed is told when it was silent for another of its lifetimes: of those who report a little
+        more rarely than that, there would be no end of news.
+        """
         robot = state.id
         if state.gone:
             self._told.pop(robot, None)
             return
         how, unknown = health_of(state)
+        again_s = state.sight.may_be_late_s(unknown)
+        if again_s > 0:
+            state.wake_later("health", again_s, partial(self.look, state))
+            return
         before = self._told.get(robot, (False, ()))
         now = (how in UNCLEAR, unknown)
         if now == before:

@@ -58,6 +58,7 @@ class Robot:
         "_timers",
         "_waiting_since",
         "_words",
+        "_worsened",
         "assertion_records",
         "config",
         "current",
@@ -90,6 +91,7 @@ class Robot:
         self._read_again = read_again
         self._held = Held.UNREAD
         self._head = 0  # the revision after the writes that are under way
+        self._worsened = 0  # the latest revision with which something was heard not to hold
         self._generation = 0  # grows with each reading, so that a late write notices
         self._search = Search.IDLE
         self._task: asyncio.Task[None] | None = None  # the diagnosis under way
@@ -158,6 +160,14 @@ class Robot:
         """Return what is known now."""
         return self.obs.literals(CLOCK.now_ns())
 
+    def not_judged(self) -> tuple[Atom, ...]:
+        """Return what does not hold, as long as the present diagnosis does not know all of it."""
+        current = self.current
+        judged = current is not None and current.model_version == self.model.version
+        if current is not None and judged and current.revision >= self._worsened:
+            return ()
+        return tuple(sorted(literal.atom for literal in self.literals() if not literal.positive))
+
     @property
     def words(self) -> Words:
         """In which sentences about it are read."""
@@ -210,6 +220,8 @@ class Robot:
             self.obs.forget(update.forgotten)
         if self.system.loops:
             self._circles.hear(update.entries)
+        if any(not entry.positive for entry in changed):
+            self._worsened = self._head + 1
         self.sight.hear(update.entries, changed)
         self.sight.start_ups.hear(changed, self.system.parts, self.sight)
         return changed, tuple(renewed.values())
@@ -239,7 +251,7 @@ class Robot:
         self._circles.hear(obs.entries)
         self.sight.hear(obs.entries)
         self.sight.start_ups.recall(took, system.parts)
-        self._head = obs.revision
+        self._head = self._worsened = obs.revision
         self._generation += 1
         self.observed.advance(obs.revision)
         if diagnosis is not None and (self.current is None or self.current.revision < diagnosis.revision):

@@ -40,6 +40,9 @@ SLACK_NS = round(SLACK_S * 1e9)
 LEAST_SLACK_NS = 100_000_000
 """For what is on its way where all that came lately came equally fast."""
 
+LATE_NS = 30 * 10**9
+"""What is silent for longer beyond its lifetime is not a bit late, however long it may live."""
+
 LATER_NS = 2 * GUARD_NS
 """Evidence so much later than the first one is not in doubt for the sake of clocks."""
 
@@ -110,6 +113,36 @@ class Sight:
         entries = self._robot.obs.entries()
         return tuple(entry for entry in entries if entry.atom not in left and entry.fresh(now_ns))
 
+    def lapsed(self) -> tuple[Atom, ...]:
+        """Return what was reported with a lifetime that is over, as far as the model's rules speak of it."""
+        robot = self._robot
+        if not robot.obs.mortal or len(robot.literals()) == len(robot.obs):
+            return ()
+        now_ns, used = CLOCK.now_ns(), robot.system.cnf.atom_variable
+        return tuple(e.atom for e in robot.obs.entries() if not e.fresh(now_ns) and e.atom in used)
+
+    def lapsed_bad(self) -> tuple[Atom, ...]:
+        """Return what of that was last said not to hold: nobody has said that it is well."""
+        held = ((atom, self._robot.obs.get(atom)) for atom in self.lapsed())
+        return tuple(atom for atom, entry in held if entry is not None and not entry.positive)
+
+    def symptoms(self) -> frozenset[Atom]:
+        """Return what was last said not to hold, be it known now or lapsed."""
+        return frozenset(entry.atom for entry in self._robot.obs.entries() if not entry.positive)
+
+    def may_be_late_s(self, unknown: Iterable[Atom]) -> float:
+        """Return in how many seconds each of these that lapsed was silent for one more of its lifetimes.
+
+        0: they were, or never had one.
+        """
+        now_ns, least_s = CLOCK.now_ns(), 0.0
+        for atom in unknown:
+            entry = self._robot.obs.get(atom)
+            if entry is not None and entry.expires_ns is not None and not entry.fresh(now_ns):
+                lives_ns = min(max(0, entry.expires_ns - entry.time_ns), LATE_NS)
+                least_s = max(least_s, (entry.expires_ns + lives_ns - now_ns) / 1e9)
+        return least_s
+
     def onsets(self) -> dict[Atom, int]:
         """Return what does not hold now, with its last good sample where that is known."""
         now_ns, entries = CLOCK.now_ns(), self._robot.obs.entries()
@@ -149,6 +182,13 @@ class Sight:
     def confirmed_by_silence(self) -> tuple[Atom, ...]:
         """Return what was influenced by acts, and of which there is no news although there would be some."""
         return self._those(Confirmed.BY_SILENCE)
+
+    def not_seen_since_acts(self) -> tuple[Atom, ...]:
+        """Return what was influenced by acts and was not reported anew since, whoever would have been to."""
+        if not self.unconfirmed:
+            return ()
+        obs = self._robot.obs
+        return tuple(sorted(atom for atom in self.unconfirmed.acts if obs.get(atom) is not None))
 
     def settling_s(self, atom: Atom) -> float:
         """Return how long it may take until the atom is confirmed; 0 if it is."""

@@ -194,8 +194,7 @@ def line_of(robot: Robot, repair: dict[str, Any] | None) -> Line:
     finding, more = _finding(robot)
     if not finding and unknown:
         finding = f"not known: {listed([str(atom) for atom in unknown])}"
-    unhealthy = state is HealthState.UNHEALTHY
-    waits, person = waits_for(repair, unhealthy=unhealthy, policy=robot.config.policy)
+    waits, person = waits_for(repair, healthy=state.healthy, policy=robot.config.policy)
     current = robot.current
     return Line(
         robot.id,

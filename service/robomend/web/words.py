@@ -20,6 +20,7 @@ REPAIR_STATES: dict[str, str] = {
     RepairState.RUNNING: "running",
     RepairState.VERIFYING: "looking whether it helped",
     RepairState.REPAIRED: "repaired, and seen to work",
+    RepairState.UNCONFIRMED: "not confirmed: nobody has seen that it works",
     RepairState.ESCALATED: "a person is needed",
     RepairState.CANCELLED: "cancelled",
     RepairState.FAILED: "failed: a part of the service did not work",
@@ -73,19 +74,22 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h" if seconds < 2 * 86400 else f"{seconds / 86400:.0f} days"
 
 
-def waits_for(repair: Json | None, *, unhealthy: bool, policy: str) -> tuple[str, bool]:
+def waits_for(repair: Json | None, *, healthy: bool | None, policy: str) -> tuple[str, bool]:
     """Return what a robot waits for now, empty for nothing, and whether that is a person.
 
     Args:
         repair: the robot's newest.
+        healthy: None where that is not known.
     """
     if repair is not None and repair["finished_ns"] is None:
         return _of_open(repair)
-    if not unhealthy:
+    if healthy is None and repair is not None and repair["state"] == RepairState.UNCONFIRMED:
+        return f"a look: {repair['reason']}", True
+    if healthy is not False:
         return "", False
     if policy == "observe":
         return "a person: its policy is to observe only", True
-    if repair is not None and repair["state"] == RepairState.ESCALATED:
+    if repair is not None and repair["state"] in {RepairState.ESCALATED, RepairState.UNCONFIRMED}:
         return f"a person: {repair['reason'] or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:
         reason = f": {repair['reason']}" if repair["reason"] else ""

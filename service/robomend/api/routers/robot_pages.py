@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
@@ -26,7 +26,8 @@ from robomend.store import View, diagnoses
 from robomend.store.records import StoredDiagnosis
 from robomend.web import graph, past
 from robomend.web import timeline as figure
-from robomend.web.suspicion import suspicions, whys, with_priors
+from robomend.web.suspicion import Suspicion, suspicions, whys, with_priors
+from robomend_client.literals import Atom
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
@@ -93,6 +94,8 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
     # Of a robot of which nothing is known, nothing is good either.
     said = None if health is HealthState.UNKNOWN else result
     found = suspicions(state.system.cnf.components, said)
+    if health is not HealthState.UNHEALTHY:
+        found |= dict.fromkeys(_unseen(state, unknown), Suspicion("unknown"))
     return {
         "health": str(health),
         "unknown": [str(atom) for atom in unknown],
@@ -106,6 +109,16 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
         "priors": with_priors(result),
         "most_diagnoses": DIAGNOSES,
     }
+
+
+def _unseen(state: Robot, unknown: Sequence[Atom]) -> Iterator[str]:
+    """Yield the components of which something is not known: nobody has seen that they are good."""
+    names = {name for atom in unknown for name in atom.args}
+    nodes = {} if state.system.parts is None else state.system.parts.nodes
+    for component in state.system.cnf.components:
+        topics = nodes[component].publishes if component in nodes else ()
+        if component in names or names.intersection(topics):
+            yield component
 
 
 async def _planned(parts: Parts, robot: str) -> dict[str, Any]:
