@@ -125,6 +125,9 @@ class Robot:
     def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return self.known_s
 
+    def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
+        return inf
+
     async def changed(self, revision: int, timeout_s: float) -> int:
         if self.revision == revision:
             with contextlib.suppress(TimeoutError):

@@ -44,7 +44,7 @@ def calm(other: DiagnosisResult) -> Calm:
     known = (Literal(SCAN), Literal(MAP, False))
     state = cast(Any, SimpleNamespace(sight=SimpleNamespace(literals=lambda: known)))
     nobody = cast(Any, None)
-    return Calm(state, nobody, nobody, frozenset(), newest, diagnose, choose, 5.0)
+    return Calm(state, nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
 
 
 async def test_what_is_repaired_in_any_case_need_not_wait() -> None:
@@ -79,7 +79,7 @@ async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
         raise AssertionError("nothing needs to be planned for this")
 
     nobody = cast(Any, None)
-    waiting = Calm(cast(Any, state), nobody, nobody, frozenset(), newest, diagnose, choose, 5.0)
+    waiting = Calm(cast(Any, state), nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
     monkeypatch.setattr(waiting, "_pending", lambda: {SCAN: CLOCK.now_ns() + 60 * S})
     assert await waiting.settled(first) is second
     assert asked
@@ -106,7 +106,7 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
         state = await runtime.robots.memory.robot("r1")
         now_ns = CLOCK.now_ns()
         nobody = cast(Any, None)
-        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, 0.0)
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
 
         await said(runtime, now_ns - 200 * S, scan=(True, 1), map=(True, 1))
         await said(runtime, now_ns - 90 * S, scan=(False, 10), map=(False, 10))

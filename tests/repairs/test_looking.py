@@ -22,7 +22,7 @@ async def effect(robot: Robot, observed: set[Atom]) -> tuple[list[Literal], list
     """Await ok(scan) where these atoms are on the robot's `observed` list; nothing moves meanwhile."""
     here = replace(setting(robot), observed=frozenset(observed))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    seen, missing, _ = await Looking(here).effect([WANTED], 0.01, 0)
+    seen, missing, _ = await Looking(here).effect("start_node", [WANTED], 0.01, 0)
     return list(seen), list(missing)
 
 
@@ -53,17 +53,17 @@ async def test_obs_is_looked_at_unasked_too_but_no_longer_than_the_time_out() ->
 
     here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    assert await Looking(here).effect([WANTED], 30.0, 0) == ((WANTED,), (), ANY)
+    assert await Looking(here).effect("start_node", [WANTED], 30.0, 0) == ((WANTED,), (), ANY)
     assert waits == [LOOK_S, LOOK_S]
     waits.clear()
     here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    await Looking(here).effect([WANTED], LOOK_S / 5, 0)
+    await Looking(here).effect("start_node", [WANTED], LOOK_S / 5, 0)
     assert max(waits) <= LOOK_S / 5
     waits.clear()
     here = replace(setting(Deaf(obs={SCAN: False}, known_s=10.0)), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    await Looking(here).effect([WANTED], 30.0, 0)
+    await Looking(here).effect("start_node", [WANTED], 30.0, 0)
     assert waits == [SOON_S, SOON_S]  # how long it takes is known, and news that repeat wake nobody
     assert SOON_S < LOOK_S
 
@@ -75,7 +75,7 @@ async def test_an_effect_that_nobody_observes_is_neither_seen_nor_missing() -> N
 async def test_an_effect_is_given_up_before_the_time_out_where_earlier_starts_were_faster() -> None:
     here = replace(setting(Robot(obs={SCAN: False}, known_s=0.0)), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    seen, missing, within = await Looking(here).effect([WANTED], 600.0, 0)
+    seen, missing, within = await Looking(here).effect("start_node", [WANTED], 600.0, 0)
     assert (seen, missing) == ((), (WANTED,))
     assert within.endswith(LONGER)
 
@@ -91,7 +91,7 @@ async def test_an_effect_is_awaited_longer_than_the_time_out_where_its_observer_
 
     here = replace(setting(Slow(obs={SCAN: False})), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    assert (await Looking(here).effect([WANTED], 0.0, 0))[:2] == ((WANTED,), ())
+    assert (await Looking(here).effect("start_node", [WANTED], 0.0, 0))[:2] == ((WANTED,), ())
 
 
 async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() -> None:
@@ -108,7 +108,8 @@ async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() ->
     looking = Looking(here)
     async with asyncio.timeout(60):
         first, second = await asyncio.gather(
-            looking.effect([WANTED], 0.01, 0), looking.effect([Literal(map_)], 600.0, 0)
+            looking.effect("start_node", [WANTED], 0.01, 0),
+            looking.effect("start_node", [Literal(map_)], 600.0, 0),
         )
     assert first[:2] == ((), (WANTED,))
     assert second[:2] == ((), ())  # it is no longer missing, nor was it seen
@@ -132,7 +133,9 @@ async def test_what_rests_on_what_broke_is_awaited_no_longer() -> None:
         return await broken
 
     async with asyncio.timeout(60):
-        broken, awaited = await asyncio.gather(breaks(), looking.effect([Literal(map_)], 600.0, 0))
+        broken, awaited = await asyncio.gather(
+            breaks(), looking.effect("start_node", [Literal(map_)], 600.0, 0)
+        )
     assert broken == WANTED
     assert awaited[:2] == ((), ())
 
@@ -146,6 +149,8 @@ async def test_what_the_plan_was_made_on_and_is_so_no_longer_is_told_and_not_bui
     here = replace(setting(robot), prediction=Prediction(Theory(CNF), CNF.components, well))
     looking = Looking(here)
     async with asyncio.timeout(60):
-        broken, awaited = await asyncio.gather(looking.contradiction(), looking.effect([WANTED], 600.0, 0))
+        broken, awaited = await asyncio.gather(
+            looking.contradiction(), looking.effect("start_node", [WANTED], 600.0, 0)
+        )
     assert broken == Literal(RUNNING)
     assert awaited[:2] == ((), ())

@@ -56,7 +56,7 @@ class Calm:
         newest: Callable[[], Awaitable[DiagnosisResult]],
         diagnose: Diagnose,
         choose: Choose,
-        start_up_s: float,
+        start_up_s: Callable[[str], float],
     ) -> None:
         """
         Args:
@@ -64,7 +64,7 @@ class Calm:
             newest: returns the diagnosis of what is confirmed now.
             diagnose: returns the diagnosis of given literals.
             choose: returns what would be done about a diagnosis, these literals given.
-            start_up_s: how long what was started may need until it shows.
+            start_up_s: returns how long a component that was started may need until it shows.
         """
         self._state = state
         self._record = record
@@ -73,7 +73,7 @@ class Calm:
         self._newest = newest
         self._diagnose = diagnose
         self._choose = choose
-        self._start_up_ns = round(start_up_s * 1e9) + SLACK_NS
+        self._start_up_s = start_up_s
 
     async def settled(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return the diagnosis once no pending verdict could change the first act."""
@@ -131,7 +131,8 @@ class Calm:
                 for entry in said
                 if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
             }
-            young = {atom: since for atom, since in began.items() if since + self._start_up_ns > now_ns}
+            until = {atom: since + self._may_take_ns(atom.args[0], since) for atom, since in began.items()}
+            young = {atom: since for atom, since in began.items() if until[atom] > now_ns}
             since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
             found |= starting(
                 [entry for entry in said if entry.positive or entry.atom in bad],
@@ -165,10 +166,11 @@ class Calm:
     def _may_take_ns(self, name: str, began_ns: int) -> int:
         """Return how long what began then may need until it shows."""
         parts, sight = self._state.system.parts, self._state.sight
+        usual_ns = round(self._start_up_s(name) * 1e9) + SLACK_NS
         if parts is None or name not in parts.nodes:
-            return self._start_up_ns
+            return usual_ns
         known_ns = sight.start_ups.after_our_start_ns(parts.nodes[name], began_ns, parts, sight)
-        return self._start_up_ns if known_ns is None else min(known_ns, self._start_up_ns)
+        return usual_ns if known_ns is None else min(known_ns, usual_ns)
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""

@@ -43,20 +43,21 @@ class Confirming:
         signals: Signals,
         observed: frozenset[Atom],
         newest: Callable[[], Awaitable[DiagnosisResult]],
-        start_up_s: float,
+        shows_s: Callable[..., float],
     ) -> None:
         """
         Args:
             observed: what somebody should report.
             newest: returns the diagnosis of what is confirmed now.
-            start_up_s: how long what was started may need until it shows.
+            shows_s: actions, by name -> how long the effect of one of them may take to show.
         """
         self._state = state
         self._record = record
         self._signals = signals
         self._observed = observed
         self._newest = newest
-        self._start_up_s = start_up_s
+        self._shows_s = shows_s
+        self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
         self._began_ns = CLOCK.now_ns()
 
     def acted(self, action: Action, result: ActionResult, report: StepReport) -> Json | None:
@@ -75,7 +76,9 @@ class Confirming:
         now_ns = CLOCK.now_ns()
         sent_ns, sight = report.sent_ns or now_ns, self._state.sight
         n = sight.acted(facts, sent_ns, atoms - facts, now_ns)
-        sight.start_ups.acted(action, sent_ns, now_ns + round(self._start_up_s * 1e9))
+        shows_s = self._shows_s(action.name)
+        self._start_up_s = max(self._start_up_s, shows_s)
+        sight.start_ups.acted(action, sent_ns, now_ns + round(shows_s * 1e9))
         return {"n": n, "atoms": [str(atom) for atom in sorted(atoms)]}
 
     async def seen(self) -> None:

@@ -273,7 +273,7 @@ class _Run:
     async def _await_effect(
         self, step: Step, wanted: frozenset[Literal], timeout_s: float, sent_ns: int
     ) -> None:
-        seen, missing, within = await self._looking.effect(wanted, timeout_s, sent_ns)
+        seen, missing, within = await self._looking.effect(step.name, wanted, timeout_s, sent_ns)
         if missing:
             names, was = first_of(missing), "was" if len(missing) == 1 else "were"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason

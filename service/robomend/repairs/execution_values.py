@@ -58,6 +58,12 @@ class FreshObs(Protocol):
         """
         ...
 
+    def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
+        """Return in how many seconds the observer of one of these, which says since that act that it is not
+        so, will have settled; inf: none says so, or what it rests on has begun since.
+        """
+        ...
+
     async def changed(self, revision: int, timeout_s: float) -> int:
         """Return the revision once it is above `revision`, or the present one after the time-out."""
         ...

@@ -62,17 +62,30 @@ class LiveRepair:
         self._signals = signals
         self._confirm = partial(store.ownership.confirm, record.fence)
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
-        bounds = timings(state.config.actions, ())
-        start_up_s = max([Timing().effect_timeout_s, *(b.effect_timeout_s for b in bounds.values())])
         about = (state, record, signals, self._hearing.observed, self._newest)
-        self._confirming = Confirming(*about, start_up_s)
-        self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, start_up_s)
+        self._confirming = Confirming(*about, self._shows_s)
+        self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)
         # A crash does not give a repair new rounds, but it may always finish.
         acts.influences = self._confirming.acted
         self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._first = 0  # number of the present round's first step within the repair
+
+    def _shows_s(self, *actions: str) -> float:
+        """Return how long the effect of one of these actions, if it is the robot's, may take to show."""
+        bounds = timings(self._state.config.actions, ())
+        known = [bounds.get(one, Timing()).effect_timeout_s for one in actions if one in self._executors]
+        return max(known, default=Timing().effect_timeout_s)
+
+    def _start_up_s(self, component: str) -> float:
+        """Return how long a component that is on, or runs, may need until what rests on it shows that."""
+        parts = self._state.system.parts
+        if parts is not None and component in parts.nodes:
+            return self._shows_s("start_node")
+        if parts is not None and component in parts.hardware:
+            return self._shows_s("power_up", "start_node")  # its driver may have to be started after it
+        return self._shows_s(*self._executors)
 
     # --- diagnose
 
@@ -206,13 +219,14 @@ class LiveRepair:
         """Return the diagnosis of what came after: at once when it is clear, else when OBS had its time."""
         assert choice.diagnosis is not None
         done, missing = execution.ending is Ending.DONE, execution.ending is Ending.EFFECT_MISSING
+        acted = [report.step.name for report in execution.steps if report.sent_ns is not None]
         if missing:
             await self._hear_the_missing(execution)
         # That it was in vain may be told before all is: of the rest the next round waits for what matters.
         if not missing or stands_no_more(choice.diagnosis.bad, await self._newest()):
             await self._confirming.seen()
         had_their_time = dict.fromkeys((Ending.EFFECT_MISSING, Ending.MISMATCH, Ending.ACTION_FAILED), 0.0)
-        waits = {Ending.DONE: Timing().effect_timeout_s, **had_their_time}
+        waits = {Ending.DONE: self._shows_s(*acted), **had_their_time}
         deadline = time.monotonic() + waits.get(execution.ending, Timing().hold_s)
         while True:
             revision = self._state.revision

@@ -12,6 +12,7 @@ from math import inf
 from typing import TypeVar
 
 from robomend.planning.plan import Step
+from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS, observable
 from robomend.repairs.execution_values import Setting, Timing
 from robomend.robots.clock import CLOCK
@@ -26,6 +27,8 @@ SOON_S = 0.05
 """How often where what counts is repeated news, which wakes nobody either."""
 
 LONGER = "which is longer than earlier starts took"
+
+DENIED = "and its observer, which has judged anew since, says otherwise"
 
 NAMED = 4
 """How many missing effects a reason names; the step has them all."""
@@ -86,12 +89,13 @@ class Looking:
         return await self._until_none(wrong, timing.effect_timeout_s if unknown else timing.hold_s)
 
     async def effect(
-        self, wanted: Iterable[Literal], timeout_s: float, sent_ns: int
+        self, action: str, wanted: Iterable[Literal], timeout_s: float, sent_ns: int
     ) -> tuple[Sequence[Literal], Sequence[Literal], str]:
         """Await what a step makes expected; return what of it OBS showed, what it did not, and within what.
 
         Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already. It
-        is given up before the time-out where earlier starts say that it would be there by now.
+        is given up before the time-out where earlier starts say that it would be there by now, and after an
+        action of the user's own, which starts nothing, once a settled observer says otherwise.
 
         Args:
             sent_ns: when the step was sent: what it starts begins after that, be it before it has answered.
@@ -111,13 +115,20 @@ class Looking:
             return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
 
         began, answered_ns = time.monotonic(), CLOCK.now_ns()
+        own = action not in POWER_ACTIONS | NODE_ACTIONS
+        within = ""
 
         def known_s(left: frozenset[Literal]) -> float:
-            return self._sight.may_take_s(left, sent_ns, answered_ns)
+            nonlocal within
+            ends = {LONGER: self._sight.may_take_s(left, sent_ns, answered_ns)}
+            if own:
+                ends[DENIED] = self._sight.denied_s(left, sent_ns, answered_ns)
+            within, left_s = min(ends.items(), key=lambda end: end[1])
+            return left_s
 
         left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
         took_s = time.monotonic() - began
-        within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {LONGER}"
+        within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {within}"
         seen = sorted(w for w in awaited if self._sight.value(w.atom) == w.positive)
         for literal in left:
             self._prediction.fail(literal)

@@ -18,6 +18,7 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
 from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
+from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import DeclaredAgents, Delays
@@ -202,6 +203,40 @@ class Sight:
         if parts is None:
             return inf
         return self.start_ups.may_take_s(missing, sent_ns, answered_ns, parts, self)
+
+    def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
+        """Return in how many seconds the observer of one of these, which says since that act that it is not
+        so, will have settled; inf: none says so, or what it rests on has begun since.
+        """
+        now_ns = CLOCK.now_ns()
+        ends = [
+            answered_ns + self.delays(literal.atom).settling_ns + self.on_its_way_ns()
+            for literal in missing
+            if self._denied(literal, answered_ns, now_ns) and not self._begun_since(literal.atom, sent_ns)
+        ]
+        return (min(ends) - now_ns) / 1e9 if ends else inf
+
+    def _denied(self, literal: Literal, answered_ns: int, now_ns: int) -> bool:
+        """Whether the opposite is observed, on evidence from after the answer only."""
+        atom, entry = literal.atom, self._robot.obs.get(literal.atom)
+        if entry is None or atom.predicate in OBSERVED_FACTS or atom in self.unconfirmed:
+            return False
+        anew = entry.settled is not None and entry.settled >= self._settle
+        young = entry.since_ns is not None and entry.since_ns > answered_ns
+        return self._robot.obs.known(atom, now_ns) is (not literal.positive) and (anew or young)
+
+    def _begun_since(self, atom: Atom, time_ns: int) -> bool:
+        """Whether something that the atom may rest on was switched on, or began to run, after that."""
+        parts = self._robot.system.parts
+        if parts is None:
+            return False
+        needs = needed(parts, atom.args)
+        topics = {*atom.args, *(topic for name in atom.args for topic in needs.get(name, ()))}
+        publishers = self.start_ups.publishers(parts)
+        nodes = [node for topic in sorted(topics) for node in publishers.get(topic, ())]
+        names = {name for node in nodes for name in (node.name, *node.drives)}
+        began = (Atom(parts.parts[name].state, (name,)) for name in names)
+        return any((self.rose_ns(each) or 0) > time_ns for each in began)
 
     def _those(self, how: Confirmed) -> tuple[Atom, ...]:
         if not self.unconfirmed:

@@ -42,11 +42,11 @@ def idle(start: StartService, log: Path, monkeypatch: pytest.MonkeyPatch) -> Ser
 
 @pytest.fixture
 def ask(say: Say) -> Say:
-    """As `say`, without what the service, which is of this process, writes on stdout."""
+    """As `say`, without what the service, which is of this process, logs to stderr."""
 
     def command(*arguments: str) -> Told:
         code, out, err = say(*arguments)
-        return code, re.sub(r"^\d{4}-\d\d-\d\d .*\n", "", out, flags=re.MULTILINE), err
+        return code, out, re.sub(r"^\d{4}-\d\d-\d\d .*\n", "", err, flags=re.MULTILINE)
 
     return command
 
