@@ -40,9 +40,7 @@ ATOMS = (
 OBSERVED = tuple(map(str, ATOMS[:2]))  # of the topics nobody promised to report them
 S = 10**9
 
-reports = st.tuples(
-    st.just("report"), st.sampled_from(ATOMS), st.booleans(), st.sampled_from([1 * S, 3 * S])
-)
+reports = st.tuples(st.just("report"), st.sampled_from(ATOMS), st.booleans(), st.sampled_from([1 * S, 3 * S]))
 steps = st.one_of(
     reports,
     reports,
