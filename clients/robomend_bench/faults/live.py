@@ -199,7 +199,7 @@ class LiveRobot:
     def plant(self, fault: Fault) -> None:
         """A fault begins."""
         self.body.advance(self._clock())
-        self._happened()
+        self.happened()
         self.record.faults.append((self.at_s(), fault))
         self.body.plant(fault)
         if self._board is not None and fault.kind in ("off", "off for ever", "brown-out"):
@@ -266,7 +266,7 @@ class LiveRobot:
                 observers.message(topic, at_s, values)
 
     def _state(self, at_s: float, state: State) -> None:
-        self._happened()
+        self.happened()
         self.record.states.append((at_s - self.zero_s, state))
 
     def _return(self, topic: str, last_s: float, at_s: float) -> None:
@@ -278,7 +278,7 @@ class LiveRobot:
 
     def _command(self, device: str, on: bool, code: int) -> None:
         act = Act("power_up" if on else "shutdown", (device,))
-        self._happened()
+        self.happened()
         self.record.acts.append(Acted(self.at_s(), act, "board", code))
 
     def _arrived(self, agent: str, batch: Mapping[str, Any]) -> None:
@@ -304,7 +304,7 @@ class LiveRobot:
 
     async def _carry_out(self, act: Act, agent: str) -> ActionResult:
         self.body.advance(self._clock())
-        self._happened()
+        self.happened()
         acted = Acted(self.at_s(), act, f"agent {agent}")
         self.record.acts.append(acted)
         done: asyncio.Future[ActionResult] = asyncio.get_running_loop().create_future()
@@ -338,16 +338,16 @@ class LiveRobot:
         """The service told something of this robot; `at_s` is on the bench's clock."""
         data = event.data
         if event.kind is Kind.DIAGNOSIS:
-            self._happened()
+            self.happened()
             result, fault = data.get("result"), data.get("fault")
             bads = tuple(tuple(d["bad"]) for d in result["diagnoses"]) if result else ()
             why = "" if result else str(fault)
             self.record.diagnoses.append(Diagnosed(at_s - self.zero_s, bads, why))
         elif event.kind is Kind.ROBOT and data.get("what") == "health":
-            self._happened()
+            self.happened()
             self.record.unknown.append((at_s - self.zero_s, tuple(data["unknown"])))
         elif event.kind is Kind.REPAIR:
-            self._happened()
+            self.happened()
             diagnosis = data.get("diagnosis") or {}
             self.record.repairs.append(
                 RepairSeen(
@@ -361,7 +361,8 @@ class LiveRobot:
                 )
             )
 
-    def _happened(self) -> None:
+    def happened(self) -> None:
+        """Something has: nobody knows yet what comes of it."""
         self.last_s = self._clock()
 
 

@@ -96,9 +96,9 @@ def observer_of(aspect: Aspect) -> Observer:
     return _recipe(json.dumps({"observers": {str(aspect.atom): dict(aspect.observer)}})).make()
 
 
-def aspects_delay_s(anatomy: Anatomy) -> float:
-    """Return how long the slowest of them takes, to a verdict of either sign."""
-    observers = map(observer_of, anatomy.aspects)
+def aspects_delay_s(anatomy: Anatomy, atoms: Collection[Atom] | None = None) -> float:
+    """Return how long the slowest of them takes, or of those of some atoms, to a verdict of either sign."""
+    observers = [observer_of(each) for each in anatomy.aspects if atoms is None or each.atom in atoms]
     return max((max(each.detection_s, each.settling_s) for each in observers), default=0.0)
 
 

@@ -110,7 +110,7 @@ class Record:
     repairs: list[RepairSeen] = field(default_factory=list)
     acts: list[Acted] = field(default_factory=list)
     arrived: list[Arrived] = field(default_factory=list)
-    called_healthy: list[float] = field(default_factory=list)  # when somebody who asked was told so
+    called_healthy: list[tuple[float, float]] = field(default_factory=list)  # asked, and told that it is
     credited: list[Credited] = field(default_factory=list)
     silences: list[tuple[str, float, float]] = field(default_factory=list)  # topic, last message, the next
     notes: list[tuple[float, str]] = field(default_factory=list)
@@ -126,7 +126,7 @@ class Record:
         self.states = [(at + by_s, state) for at, state in self.states]
         self.said = [(at + by_s, literals) for at, literals in self.said]
         self.arrived = [replace(each, at_s=each.at_s + by_s) for each in self.arrived]
-        self.called_healthy = [at + by_s for at in self.called_healthy]
+        self.called_healthy = [(asked + by_s, told + by_s) for asked, told in self.called_healthy]
         self.notes = [(at + by_s, text) for at, text in self.notes]
         self.unknown = [(at + by_s, atoms) for at, atoms in self.unknown]
         self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]

@@ -25,7 +25,7 @@ from robomend_bench.faults.condition import (
     unseen,
 )
 from robomend_bench.faults.field import BY_NAME
-from robomend_bench.faults.kinds import FOR_EVER, settled
+from robomend_bench.faults.kinds import FOR_EVER, begun, settled
 from robomend_bench.faults.observing import PRESETS, aspects_delay_s
 from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
@@ -125,8 +125,9 @@ def score(record: Record, robot: Robot) -> Score:
 
 
 def _delay_s(record: Record, robot: Robot) -> float:
+    odd = abnormal(robot.anatomy, begun(robot.anatomy, *dict.fromkeys(fault for _, fault in record.faults)))
     rates_s = PRESETS[record.observers].delay_s(robot.slowest_hz)
-    return max(rates_s, aspects_delay_s(robot.anatomy))
+    return max(rates_s, aspects_delay_s(robot.anatomy, {literal.atom for literal in odd}))
 
 
 def _healthy(record: Record, robot: Robot, delay_s: float) -> Score:
@@ -204,8 +205,9 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
 def _called_healthy(record: Record, robot: Robot, delay_s: float) -> list[str]:
     """Return when somebody was told that the robot is healthy, and it was not, or nobody could know."""
     found = []
-    for at_s in record.called_healthy:
-        why = _said_otherwise(record, robot, at_s)
+    for asked_s, at_s in record.called_healthy:
+        before = _said_otherwise(record, robot, asked_s)
+        why = [each for each in _said_otherwise(record, robot, at_s) if each in before]
         lasting = [
             abnormal(robot.anatomy, state) for _, state in record.states_between(at_s - delay_s - 1.0, at_s)
         ]

@@ -46,6 +46,8 @@ async def boot(live: LiveRobot, chance: random.Random) -> None:
     async def start(name: str) -> None:
         for other in nodes[name].tied_to:
             await begun[other].wait()
+        while live.body.would_fail(Act("start_node", (name,))):  # its launch file waits for the device
+            await asyncio.sleep(0.05)
         live.body.order(Act("start_node", (name,)), lambda code, message: begun[name].set())
 
     await asyncio.gather(*map(start, nodes))

@@ -241,8 +241,8 @@ class _Play:
             with contextlib.suppress(ClientError):
                 asked_s = live.at_s()
                 answer = await self._client.robot(live.id)
-                if answer.value["state"] == "healthy" and live.at_s() - asked_s < ASK_S:
-                    live.record.called_healthy.append(asked_s)
+                if answer.value["state"] == "healthy":
+                    live.record.called_healthy.append((asked_s, live.at_s()))
 
     async def _break(self) -> None:
         live, scenario = self._live, self._live.scenario
@@ -260,6 +260,8 @@ class _Play:
     async def _until_over(self, disturbing: asyncio.Task[None] | None) -> None:
         live, scenario = self._live, self._live.scenario
         most_s = _most_s(live.robot, scenario, self._terms)
+        if disturbing is not None:
+            disturbing.add_done_callback(lambda _: live.happened())
         if scenario.blind is not None:
             live.disturb_observer()
             live.note(f"observer of {scenario.blind.topic}: {scenario.blind.how}")
