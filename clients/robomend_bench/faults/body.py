@@ -15,12 +15,14 @@ import random
 from collections.abc import Callable, Mapping
 from functools import partial
 from heapq import heappop, heappush
+from typing import Any
 
 from robomend_bench.faults import condition, kinds
 from robomend_bench.faults.anatomy import SILENCE_PERIODS, Anatomy
 from robomend_bench.faults.condition import HEALTHY, Act, NodeCondition, State
 from robomend_bench.faults.kinds import Fault
 from robomend_client.actions import OK
+from robomend_client.bridges.medkit.faults import Faults, read_fault
 
 JITTER = 0.03
 """Standard deviation of a message's lateness, in periods."""
@@ -164,6 +166,9 @@ class Body:
                 return at_s
             case "whole seconds":
                 return math.floor(at_s)
+            case str() if what.startswith("medkit of "):
+                device = what.removeprefix("medkit of ")
+                return gateway_of(device, condition.device_in(self.state, device).complains)
             case str():
                 device = what.removeprefix("status of ")
                 level = int(condition.device_in(self.state, device).complains)
@@ -310,6 +315,23 @@ class Body:
                 doubled += node.publishes
         self._half, self._fast, self._doubled = frozenset(half), frozenset(fast), frozenset(doubled)
         self._still = still
+
+
+def gateway_of(device: str, complains: bool) -> list[dict[str, Any]]:
+    """Return what the bridge to a ros2_medkit gateway says of two robots with a driver of one name each.
+
+    Real gateways name apps by their whole names, and reporters of faults by those of the graph.
+    """
+    faults = Faults()
+    faults.entities = frozenset(f"{robot}_{device}_driver" for robot in ("here", "there"))
+    fault = {
+        "fault_code": "NO_REASON",
+        "severity": "ERROR",
+        "status": "CONFIRMED",
+        "reporting_sources": [f"/here/{device}_driver"],
+    }
+    faults.stand([read_fault(fault)] if complains else [])
+    return faults.statuses()
 
 
 def hiccup_s(rate_hz: float, tolerance_hz: float, window: int = 10) -> float:

@@ -159,6 +159,13 @@ def _needs(anatomy: Anatomy, node: str, other: str) -> bool:
     return other in met
 
 
+def _complaining(anatomy: Anatomy, by: str) -> list[Fault]:
+    """Return the devices that may complain by a status, or by a gateway."""
+    told = {str(what) for topic in anatomy.topics.values() for what in topic.values.values()}
+    names = (each.status for each in anatomy.aspects if f"{by} of {each.status}" in told)
+    return seen(anatomy, (Fault(name, "complains") for name in names))
+
+
 # --- who reports, and how --------------------------------------------------------------------------------
 
 
@@ -219,9 +226,15 @@ FIELD: tuple[FaultClass, ...] = (
     ),
     FaultClass(
         "complains",
-        4,
+        2,
         "a device's status warns for ever, over good data",
-        lambda a: seen(a, (Fault(each.status, "complains") for each in a.aspects if each.status)),
+        lambda a: _complaining(a, "status"),
+    ),
+    FaultClass(
+        "gateway",
+        2,
+        "the same, as a CONFIRMED fault of a ros2_medkit gateway that knows two robots",
+        lambda a: _complaining(a, "medkit"),
     ),
     FaultClass(
         "brown-out",

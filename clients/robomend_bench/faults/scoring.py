@@ -312,13 +312,24 @@ class _Scoring:
         found.escalated = last is not None and last.state == "escalated"
         well = bool(record.diagnoses) and record.diagnoses[-1].healthy
         if found.repairable:
-            ended = last is not None and last.state == "repaired"
+            ended = last is not None and (last.state == "repaired" or self._could_not_know(last))
             if not abnormal(self.anatomy, self.all):  # it mends itself: nobody need do anything
-                ended = last is None or last.state in ("repaired", "cancelled")
+                ended = ended or last is None or last.state == "cancelled"
             found.repaired = healed and well and ended
         elif found.escalated and last is not None:
             named = {name for name in self.components if name in last.bad or _names(last.reason, name)}
             found.cause_named = bool(named) or self._stands(truth)
+
+    def _could_not_know(self, last: RepairSeen) -> bool:
+        """Whether a repair ended unconfirmed as what is observed had not been said again in its lifetime.
+
+        Of reports that are rarer than that nobody knows when it ends; then this is the true word.
+        """
+        if last.state != "unconfirmed" or not self.field:
+            return False
+        moments = (last.at_s, *(batch.at_s - 2 * LAPSE_GRACE_S for batch in self.record.arrived))
+        near = (at_s for at_s in moments if last.at_s - 3.0 <= at_s <= last.at_s)
+        return any(_said_otherwise(self.record, self.robot, at_s) for at_s in near)
 
     def _stands(self, truth: State) -> bool:
         """Whether the true cause is among the diagnoses that stand at the end.
@@ -425,7 +436,6 @@ class _Scoring:
             for seen in record.repairs
             if seen.state == "repaired"
             and seen.at_s >= 0
-            and "unconfirmed" not in seen.reason
             and (why := _said_otherwise(record, self.robot, seen.at_s))
         )
         stopped = {

@@ -22,8 +22,8 @@ from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.faults.trial import Terms, robot_of, scenario_of
 from robomend_client.literals import holds
 
-DISTURBED = frozenset({"starved-agent", "starved-owner", "starved-planner", "link"})
-"""What makes these is not done to stand-ins."""
+DISTURBED = frozenset({"starved-agent", "starved-owner", "starved-planner", "link", "gateway"})
+"""What makes these is not done to stand-ins; what a bridge makes of a gateway's words is its affair."""
 
 
 def able(described: FaultClass) -> list[str]:
