@@ -5,15 +5,15 @@ what mends itself, what no power cycle helps, observers of every kind, processes
 each kind is in public reports of people who run robots. docs/score.md has the tables, which are part of the
 definition of the score.
 
-Devices boot for 0.2 to 90 s and nodes start for 0.1 to 40 s, drawn evenly over their logarithms, so that half
-of them take less than 5 and 2 s: long ones are few, and time is never compressed.
+Devices boot for 0.2 to 90 s and nodes start for 0.1 to 40 s; time is never compressed.
 """
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 from robomend_bench.faults.anatomy import Anatomy
@@ -33,11 +33,14 @@ from robomend_bench.faults.classes import (
 )
 from robomend_bench.faults.kinds import BESIDE, Fault
 
-LONGEST_BOOT_S, LONGEST_START_S = 90.0, 40.0
+BOOTS_S = (0.2, 4.0, 20.0, 90.0)
+STARTS_S = (0.1, 2.0, 8.0, 40.0)
+"""Short, longer than what is waited for by default, and long: between each two of these."""
 
 
-def _even(chance: random.Random, least: float, most: float) -> float:
-    """Draw evenly over the logarithms."""
+def _takes_s(chance: random.Random, bands: Sequence[float]) -> float:
+    """Draw a band, each as likely as the others, and in it evenly over the logarithms."""
+    least, most = chance.choice(list(pairwise(bands)))
     return math.exp(chance.uniform(math.log(least), math.log(most)))
 
 
@@ -51,7 +54,7 @@ def _one_of(faults: list[Fault], chance: random.Random, **scenario: Any) -> Scen
 def _slow_device(anatomy: Anatomy, chance: random.Random) -> Scenario:
     """A device without power, or hung, that boots slowly; half of the drivers must not start before it."""
     fault = chance.choice(_switched_devices(anatomy))
-    boot_s = _even(chance, 0.2, LONGEST_BOOT_S)
+    boot_s = _takes_s(chance, BOOTS_S)
     hasty = chance.random() < 0.5
     physics: dict[str, Mapping[str, Any]] = {fault.component: {"boot_s": boot_s}}
     physics |= {driver: {"hasty": hasty} for driver in anatomy.drivers[fault.component]}
@@ -71,7 +74,7 @@ def _switched_devices(anatomy: Anatomy) -> list[Fault]:
 
 def _slow_node(anatomy: Anatomy, chance: random.Random) -> Scenario:
     fault = chance.choice(nodes_with(anatomy, "dead", "hung"))
-    start_s = _even(chance, 0.1, LONGEST_START_S)
+    start_s = _takes_s(chance, STARTS_S)
     return Scenario(
         (Planted(fault),),
         physics={fault.component: {"warm_s": start_s}},
