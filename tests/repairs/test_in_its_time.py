@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
-from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
+from tests.repairs.robot import (
+    CONFIG,
+    MODEL,
+    SHUT_DOWN,
+    Robot,
+    robot_on,
+    service,
+    the_repair,
+    with_recalibrate,
+)
 
+from robomend.api.runtime import Runtime
+from robomend.repairs import live_repair
+from robomend.repairs.execution_values import Timing
 from robomend.repairs.looking import DENIED
 
 pytestmark = pytest.mark.anyio
-
-
-def steps_of(repair: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the steps of all rounds."""
-    return [step for one in repair["rounds"] for step in one["plan"]]
 
 
 async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp_path: Path) -> None:
@@ -39,8 +46,11 @@ async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp
     assert repair["state"] == "repaired"
 
 
-async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(tmp_path: Path) -> None:
-    """Nothing else is configured to take long: what was started in vain for 1 s is not waited for again."""
+async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every action of the robot has one of 1 s: what the default is, does not matter."""
+    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=600.0))
 
     async def first_in_vain(robot: Robot, name: str, parameter: str) -> int | None:
         robot.do(name, parameter)
@@ -53,6 +63,76 @@ async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(tmp
         await robot.settled()
         robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
-    assert CONFIG["actions"]["start_node"]["effect_timeout_s"] == 1.0
-    assert [one["reason"].endswith("within 1 s") for one in repair["rounds"][:1]] == [True]
-    assert [wait for wait in repair["waits"] if "verdicts that are about to come" in wait["why"]] == []
+    assert "not seen within 1 s" in repair["rounds"][0]["reason"]
+    assert repair["state"] == "repaired"
+
+
+STARTS_S = 2.0
+"""How long the robot's slow parts take; `effect_timeout_s` is 1 s."""
+
+
+async def put_model(runtime: Runtime, before: str, after: str) -> None:
+    assert before in MODEL
+    text = MODEL.replace(before, after)
+    await runtime.robots.models.put("small", text, format=None, expected=None, by="test")
+
+
+async def slow_driver(robot: Robot, name: str, parameter: str) -> int | None:
+    """The lidar's driver needs its time until it speaks."""
+    robot.do(name, parameter)
+    if (name, parameter) == ("start_node", "lidar_node"):
+        robot.connected["lidar_node"] = False
+        asyncio.get_running_loop().call_later(STARTS_S, robot.do, "start_node", "lidar_node")
+    return 0
+
+
+async def test_a_node_has_the_time_that_the_model_says_it_needs(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "publishes: {scan: []}", "publishes: {scan: []}, start_s: 2")
+        async with robot_on(runtime) as robot:
+            robot.spoil = slow_driver
+            await robot.settled()
+            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+            repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
+
+
+async def test_a_node_has_the_time_that_it_took_at_the_robots_boot(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        robot.spoil = slow_driver
+        robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+        await robot.settled()
+        robot.running["lidar_node"] = True
+        await robot.settled()
+        await asyncio.sleep(STARTS_S)  # a boot takes its time
+        robot.do("start_node", "lidar_node")
+        await robot.settled()
+        etag = (await runtime.robots.memory.robot("r1")).stored.etag
+        await runtime.robots.put_robot("r1", CONFIG, expected=etag, by="ann")
+        robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+        repair = await the_repair(runtime)
+        findings = await runtime.repairs.findings("r1")
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
+    assert [one for one in findings if "lidar_node" in one and "start_s" in one]
+
+
+async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -> None:
+    """Started sooner it stays mute."""
+    booted = asyncio.Event()
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        if name == "power_up":
+            asyncio.get_running_loop().call_later(STARTS_S, booted.set)
+        robot.connected["base_node"] &= booted.is_set()
+        return 0
+
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "base: {channel: 7}", "base: {channel: 7, boot_s: 2}")
+        async with robot_on(runtime) as robot:
+            robot.spoil = boots
+            await robot.settled()
+            robot.cut("base")
+            repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN)
+    assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]

@@ -183,8 +183,8 @@ class RepairRecord:
                 also(tx)
             return updated
 
+        self._data = data  # before it is on disk: steps that run side by side may write meanwhile, too
         self._repair = await self._store.write(write, robots=(self.robot,))
-        self._data = data
 
     async def begin_round(self, choice: Choice, result: DiagnosisResult, entries: Iterable[Entry]) -> int:
         """Note the plan of a new round; return the number of its first step within the repair.
