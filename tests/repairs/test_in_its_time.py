@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.repairs.robot import (
@@ -18,9 +19,12 @@ from tests.repairs.robot import (
 )
 
 from robomend.api.runtime import Runtime
-from robomend.repairs import live_repair
+from robomend.errors import Overloaded
+from robomend.repairs import live_repair, reasons
+from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import Timing
 from robomend.repairs.looking import DENIED
+from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
 
@@ -136,3 +140,86 @@ async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -
             repair = await the_repair(runtime)
     assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN)
     assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
+
+
+async def next_repair(runtime: Runtime, before: str) -> dict[str, Any]:
+    """Return the repair after that one, once it has ended."""
+    async with asyncio.timeout(60):
+        while True:
+            repair = await the_repair(runtime)
+            if repair["id"] != before:
+                return repair
+            await asyncio.sleep(0.05)  # until the next look
+
+
+async def test_what_was_given_up_and_is_repairable_later_is_taken_up_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lidar is not there yet: whatever is done about its driver is in vain."""
+    monkeypatch.setattr(reasons, "AGAIN_S", 1.5)
+    there = False
+
+    async def in_vain(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        robot.connected["lidar_node"] &= there
+        return 0
+
+    limits = {"attempts_per_hour": 100, "rounds": 1}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        robot.spoil = in_vain
+        await robot.settled()
+        robot.connected["lidar_node"] = False
+        given_up = await the_repair(runtime)
+        there = True
+        repair = await next_repair(runtime, given_up["id"])
+        told = (await runtime.repairs.repair(repair["id"]))["account"]
+    assert given_up["state"] == "escalated"
+    assert given_up["retry_ns"] > given_up["finished_ns"]
+    assert repair["again"] == {"of": given_up["id"], "why": "did not mend it", "times": 1}
+    assert (repair["state"], robot.done[-2:]) == (
+        "repaired",
+        ["stop_node(lidar_node)", "start_node(lidar_node)"],
+    )
+    assert any(given_up["id"] in line for line in told)
+
+
+async def test_a_repair_that_broke_is_begun_again_and_named_so_with_a_back_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planner is starved: twice there is no answer."""
+    monkeypatch.setattr(reasons, "BROKE_S", 0.3)
+    choose, asked = Chooser.choose_in_turn, 0
+
+    async def starved(chooser: Chooser, *about: Any, **options: Any) -> Any:
+        nonlocal asked
+        asked += 1
+        if asked <= 2:
+            raise Overloaded("no planner has answered", 1.0)
+        return await choose(chooser, *about, **options)
+
+    monkeypatch.setattr(Chooser, "choose_in_turn", starved)
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        first = await the_repair(runtime)
+        second = await next_repair(runtime, first["id"])
+        while second["state"] == "failed" and second["again"]["times"] < 2:
+            second = await next_repair(runtime, second["id"])
+    assert first["state"] == "failed"
+    assert second["again"]["why"] == "broke"
+    assert (second["state"], second["again"]["times"]) == ("repaired", 2)
+
+
+async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: Path) -> None:
+    observed = [*CONFIG["observed"], "on(imu)"]
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "lidar: {channel: 3}", "lidar: {channel: 3}\n  imu: {channel: 4}")
+        async with robot_on(runtime, observed=observed, observed_timeout_s=0.3) as robot:
+            await robot.settled()
+            robot.running["mapping"] = False
+            blind = await the_repair(runtime)
+            await runtime.robots.observe("r1", Batch(["on(imu)"], source="another"))
+            repair = await next_repair(runtime, blind["id"])
+    assert (blind["state"], blind["rounds"]) == ("escalated", [])
+    assert "nobody reported on(imu)" in blind["reason"]
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])

@@ -137,7 +137,13 @@ class LiveRepair:
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
         return await self._signals.unless_halted(
-            self._chooser.choose_in_turn(self._state, result, looks=False, literals=literals)
+            self._chooser.choose_in_turn(
+                self._state,
+                result,
+                looks=False,
+                literals=literals,
+                since_ns=self._record.tries_anew_from_ns,
+            )
         )
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
@@ -148,6 +154,7 @@ class LiveRepair:
                 looks=looks,
                 avoided=self._acts.exhausted(),
                 left_off=self._acts.left_off(),
+                since_ns=self._record.tries_anew_from_ns,
             )
         )
 
