@@ -76,6 +76,11 @@ def test_reads_everything_that_the_format_has() -> None:
     ("old", "new", "line", "message"),
     [
         ("channel: 11", "channel: 12", 8, "whole number from 0 to 11"),
+        ("channel: 11", "channel: 11, boot_s: -1", 8, "seconds from 0 to 3600, not `-1`"),
+        ("channel: 11", "channel: 11, boot_s: 86400", 8, "seconds from 0 to 3600, not `86400`"),
+        ("channel: 11", "channel: 11, start_s: 3", 8, "hardware base has no key `start_s`"),
+        ("drives: arm", "drives: arm, start_s: nan", 17, "seconds from 0 to 3600, not `nan`"),
+        ("drives: arm", "drives: arm, start_s: -0.5", 17, "seconds from 0 to 3600"),
         ("channel: 11", "channel: -1", 8, "whole number from 0 to 11"),
         ("channel: 11", "channel: x", 8, "whole number from 0 to 11"),
         ("channel: 11", "channel: 0", 9, r"channel 0 is used twice \(base, arm\)"),

@@ -100,6 +100,7 @@ class Robot:
     obs: dict[Atom, bool] = field(default_factory=lambda: {ON: False, RUNNING: True, SCAN: False})
     revision: int = 0
     known_s: float = inf  # how long a start may take more, by earlier ones
+    due_in_s: float = -inf  # how long what is awaited may take at least, by its model or by earlier ones
     sent: list[str] = field(default_factory=list)
     journal: list[str] = field(default_factory=list)
     behave: Callable[[Robot, Action], Awaitable[ActionResult | None]] | None = None
@@ -124,6 +125,9 @@ class Robot:
 
     def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return self.known_s
+
+    def due_s(self, missing: Collection[Literal], usual_s: float) -> float:
+        return self.due_in_s
 
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return inf

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
+from tests.repairs.robot import (
+    CONFIG,
+    MODEL,
+    SHUT_DOWN,
+    Robot,
+    robot_on,
+    service,
+    the_repair,
+    with_recalibrate,
+)
 
+from robomend.api.runtime import Runtime
+from robomend.errors import Overloaded
+from robomend.repairs import live_repair, reasons
+from robomend.repairs.choosing import Chooser
+from robomend.repairs.execution_values import Timing
 from robomend.repairs.looking import DENIED
+from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
-
-
-def steps_of(repair: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the steps of all rounds."""
-    return [step for one in repair["rounds"] for step in one["plan"]]
 
 
 async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp_path: Path) -> None:
@@ -39,8 +50,11 @@ async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp
     assert repair["state"] == "repaired"
 
 
-async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(tmp_path: Path) -> None:
-    """Nothing else is configured to take long: what was started in vain for 1 s is not waited for again."""
+async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every action of the robot has one of 1 s: what the default is, does not matter."""
+    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=600.0))
 
     async def first_in_vain(robot: Robot, name: str, parameter: str) -> int | None:
         robot.do(name, parameter)
@@ -53,6 +67,159 @@ async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(tmp
         await robot.settled()
         robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
-    assert CONFIG["actions"]["start_node"]["effect_timeout_s"] == 1.0
-    assert [one["reason"].endswith("within 1 s") for one in repair["rounds"][:1]] == [True]
-    assert [wait for wait in repair["waits"] if "verdicts that are about to come" in wait["why"]] == []
+    assert "not seen within 1 s" in repair["rounds"][0]["reason"]
+    assert repair["state"] == "repaired"
+
+
+STARTS_S = 2.0
+"""How long the robot's slow parts take; `effect_timeout_s` is 1 s."""
+
+
+async def put_model(runtime: Runtime, before: str, after: str) -> None:
+    assert before in MODEL
+    text = MODEL.replace(before, after)
+    await runtime.robots.models.put("small", text, format=None, expected=None, by="test")
+
+
+async def slow_driver(robot: Robot, name: str, parameter: str) -> int | None:
+    """The lidar's driver needs its time until it speaks."""
+    robot.do(name, parameter)
+    if (name, parameter) == ("start_node", "lidar_node"):
+        robot.connected["lidar_node"] = False
+        asyncio.get_running_loop().call_later(STARTS_S, robot.do, "start_node", "lidar_node")
+    return 0
+
+
+async def test_a_node_has_the_time_that_the_model_says_it_needs(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "publishes: {scan: []}", "publishes: {scan: []}, start_s: 2")
+        async with robot_on(runtime) as robot:
+            robot.spoil = slow_driver
+            await robot.settled()
+            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+            repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
+
+
+async def test_a_node_has_the_time_that_it_took_at_the_robots_boot(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        robot.spoil = slow_driver
+        robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+        await robot.settled()
+        robot.running["lidar_node"] = True
+        await robot.settled()
+        await asyncio.sleep(STARTS_S)  # a boot takes its time
+        robot.do("start_node", "lidar_node")
+        await robot.settled()
+        etag = (await runtime.robots.memory.robot("r1")).stored.etag
+        await runtime.robots.put_robot("r1", CONFIG, expected=etag, by="ann")
+        robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+        repair = await the_repair(runtime)
+        findings = await runtime.repairs.findings("r1")
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
+    assert [one for one in findings if "lidar_node" in one and "start_s" in one]
+
+
+async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -> None:
+    """Started sooner it stays mute."""
+    booted = asyncio.Event()
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        if name == "power_up":
+            asyncio.get_running_loop().call_later(STARTS_S, booted.set)
+        robot.connected["base_node"] &= booted.is_set()
+        return 0
+
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "base: {channel: 7}", "base: {channel: 7, boot_s: 2}")
+        async with robot_on(runtime) as robot:
+            robot.spoil = boots
+            await robot.settled()
+            robot.cut("base")
+            repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN)
+    assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
+
+
+async def next_repair(runtime: Runtime, before: str) -> dict[str, Any]:
+    """Return the repair after that one, once it has ended."""
+    async with asyncio.timeout(60):
+        while True:
+            repair = await the_repair(runtime)
+            if repair["id"] != before:
+                return repair
+            await asyncio.sleep(0.05)  # until the next look
+
+
+async def test_what_was_given_up_and_is_repairable_later_is_taken_up_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lidar is not there yet: whatever is done about its driver is in vain."""
+    monkeypatch.setattr(reasons, "AGAIN_S", 1.5)
+    there = False
+
+    async def in_vain(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        robot.connected["lidar_node"] &= there
+        return 0
+
+    limits = {"attempts_per_hour": 100, "rounds": 1}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        robot.spoil = in_vain
+        await robot.settled()
+        robot.connected["lidar_node"] = False
+        given_up = await the_repair(runtime)
+        there = True
+        repair = await next_repair(runtime, given_up["id"])
+        told = (await runtime.repairs.repair(repair["id"]))["account"]
+    assert given_up["state"] == "escalated"
+    assert given_up["retry_ns"] > given_up["finished_ns"]
+    assert repair["again"] == {"of": given_up["id"], "why": "did not mend it", "times": 1}
+    assert (repair["state"], robot.done[-2:]) == (
+        "repaired",
+        ["stop_node(lidar_node)", "start_node(lidar_node)"],
+    )
+    assert any(given_up["id"] in line for line in told)
+
+
+async def test_a_repair_that_broke_is_begun_again_and_named_so_with_a_back_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planner is starved: twice there is no answer."""
+    monkeypatch.setattr(reasons, "BROKE_S", 0.3)
+    choose, asked = Chooser.choose_in_turn, 0
+
+    async def starved(chooser: Chooser, *about: Any, **options: Any) -> Any:
+        nonlocal asked
+        asked += 1
+        if asked <= 2:
+            raise Overloaded("no planner has answered", 1.0)
+        return await choose(chooser, *about, **options)
+
+    monkeypatch.setattr(Chooser, "choose_in_turn", starved)
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        first = await the_repair(runtime)
+        second = await next_repair(runtime, first["id"])
+        while second["state"] == "failed" and second["again"]["times"] < 2:
+            second = await next_repair(runtime, second["id"])
+    assert first["state"] == "failed"
+    assert second["again"]["why"] == "broke"
+    assert (second["state"], second["again"]["times"]) == ("repaired", 2)
+
+
+async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: Path) -> None:
+    observed = [*CONFIG["observed"], "on(imu)"]
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "lidar: {channel: 3}", "lidar: {channel: 3}\n  imu: {channel: 4}")
+        async with robot_on(runtime, observed=observed, observed_timeout_s=0.3) as robot:
+            await robot.settled()
+            robot.running["mapping"] = False
+            blind = await the_repair(runtime)
+            await runtime.robots.observe("r1", Batch(["on(imu)"], source="another"))
+            repair = await next_repair(runtime, blind["id"])
+    assert (blind["state"], blind["rounds"]) == ("escalated", [])
+    assert "nobody reported on(imu)" in blind["reason"]
+    assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])

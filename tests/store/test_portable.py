@@ -62,7 +62,14 @@ async def with_everything(store: Store) -> None:
         attempts.remember(tx, StoredAttempt("r1", ("a",), ("b",), False, True, repair, 1), fence=fence)
         attempts.put_quarantine(tx, Quarantine("r1", "c", "why", 1, 1, None), fence=fence)
         attempts.count(tx, "r1", "c", repair, fence=fence)
-        start_ups.keep(tx, "r1", {"scan": [StoredStart(8, 8, False)], "map": [StoredStart(9, 2, True)]})
+        start_ups.keep(
+            tx,
+            "r1",
+            {
+                "scan": [StoredStart(8, 8, False)],
+                "map": [StoredStart(9, 2, True), StoredStart(9, 9, True, True)],
+            },
+        )
         drills.create(tx, "r1", state="waiting", data={"fault": "node-killed"})
         agent_actions.queue(tx, "x:0", "r1", host=None, name="n", parameters=[], timeout_s=1)
         api_keys.add(tx, name="k", hash="h", role="admin", robot=None, by="ada")

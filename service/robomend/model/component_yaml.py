@@ -28,8 +28,8 @@ MODEL_KEYS = (
     "partial_failure",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
-HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
-NODE_KEYS = ("drives", "publishes", "inputs_matter", "restartable", "tied_to", *PART_KEYS)
+HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
+NODE_KEYS = ("drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", *PART_KEYS)
 TOPIC_KEYS = ("rate_hz", "tolerance_hz", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
@@ -40,6 +40,9 @@ FORMAT = 1
 MAX_NAME = 200
 MAX_CHANNELS = 255
 MAX_WHOLE = 999_999_999
+MOST_S = 3600
+"""Of a boot or a start: what takes longer is waited for by a person."""
+
 TRUE, FALSE = ("true", "True", "yes", "on"), ("false", "False", "no", "off")
 
 T = TypeVar("T")
@@ -141,6 +144,7 @@ class _Reader:
             channel=channel,
             fed_by=self.optional(entry, "fed_by", self.names) or (),
             blame=blame if own_blame is None else own_blame,
+            boot_s=self.optional(entry, "boot_s", self.seconds),
             **self.common(entry, line, protected=channel in protected),
         )
 
@@ -157,6 +161,7 @@ class _Reader:
             inputs_matter=inputs_matter if own is None else own,
             restartable=True if restartable is None else restartable,
             tied_to=self.optional(entry, "tied_to", self.names) or (),
+            start_s=self.optional(entry, "start_s", self.seconds),
             **self.common(entry, line),
         )
 
@@ -353,6 +358,17 @@ class _Reader:
             return number
 
         return reader
+
+    def seconds(self, tree: Tree) -> float:
+        """Return how long something takes that a repair waits for."""
+        text = self.scalar(tree, f"seconds from 0 to {MOST_S}").text
+        try:
+            given = float(text)
+        except ValueError:
+            given = math.nan
+        if not 0 <= given <= MOST_S:
+            self.fail(f"expected seconds from 0 to {MOST_S}, not {shown(text)}", tree.line)
+        return given
 
     def probability(self, tree: Tree) -> float:
         number = self.scalar(tree, "a probability").text

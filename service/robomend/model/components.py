@@ -59,6 +59,7 @@ class Hardware(Component):
     channel: int | None = None
     fed_by: tuple[str, ...] = ()
     blame: bool = False  # H joins its driver's clause
+    boot_s: float | None = None  # from its power to its answering
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +77,7 @@ class Node(Component):
     inputs_matter: bool = False  # a driver's inputs count too
     restartable: bool = True
     tied_to: tuple[str, ...] = ()  # this node must restart after one of these restarts
+    start_s: float | None = None  # from its beginning to its topics, its inputs and devices being there
 
 
 KINDS: tuple[type[Component], ...] = (Hardware, Node)

@@ -29,6 +29,7 @@ FLAG: Schema = {"enum": [True, False, "yes", "no", "on", "off", None]}
 OFF: Schema = {**FLAG, "default": False}
 ABOVE_0: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0}
 PROBABILITY: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+SECONDS: Schema = {"type": ["number", "null"], "minimum": 0, "maximum": keys.MOST_S}
 CHANNEL: Schema = {"type": ["integer", "null"], "minimum": 0, "maximum": keys.MAX_CHANNELS - 1}
 
 BY_TYPE: dict[str, Schema] = {
@@ -127,6 +128,7 @@ HARDWARE: Schema = {
     ),
     "fed_by": _said("devices whose power it needs, all of them", NAMES),
     "blame_hardware": _said("whether it can be blamed beside its drivers where it has no channel", FLAG),
+    "boot_s": _said("how long it takes from its power to its answering, in seconds", SECONDS),
     **PART,
 }
 NODE: Schema = {
@@ -135,6 +137,10 @@ NODE: Schema = {
     "inputs_matter": _said("whether the inputs of a driver count, too", FLAG),
     "restartable": _said("whether it may be stopped and started", {**FLAG, "default": True}),
     "tied_to": _said("nodes after whose restart it must restart", NAMES),
+    "start_s": _said(
+        "how long it takes from its beginning to its topics, its inputs and devices being there, in seconds",
+        SECONDS,
+    ),
     **PART,
 }
 TOPIC: Schema = {

@@ -122,7 +122,8 @@ def _of_repair(event: Event) -> Notice | None:
         lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
-    elif data.get("drill") is not None:  # its fault was planted, and is undone: nobody is needed for it
+    elif data.get("drill") is not None or data.get("again"):
+        # A planted fault is undone: nobody is needed for it. Of what is taken up again somebody was told.
         return None
     elif state == RepairState.UNCONFIRMED:
         if not data.get("rounds"):  # it did nothing

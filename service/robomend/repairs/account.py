@@ -74,6 +74,9 @@ def outcome(round_: Json, entry_of: Mapping[Atom, Entry]) -> list[dict[str, Any]
 def account(repair: Json) -> list[str]:
     """Return a repair, as HTTP shows it, as lines: what was seen, why this, what was done, and then."""
     lines = [f"{_clock(repair['created_ns'])} repair {repair['id']} of {repair['robot']} begins"]
+    if again := repair.get("again"):
+        times = counted(again["times"], "time")
+        lines.append(f"it takes up {again['of']}, which {again['why']}: by itself, {times} since then")
     waits = repair.get("waits", ())
     for number, done in enumerate(repair["rounds"], start=1):
         lines += (_waited(wait) for wait in waits if wait["round"] == number)
@@ -83,6 +86,8 @@ def account(repair: Json) -> list[str]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
     lines.append(f"{_clock(at)} {repair['state']}: {repair['reason']}".rstrip(": "))
+    if repair.get("retry_ns"):
+        lines.append(f"tried again by itself at {_clock(repair['retry_ns'])}, unless it is well by then")
     return lines
 
 

@@ -32,7 +32,10 @@ MOST_FLIPS = 32
 """Pending verdicts that are tried one by one; with more, one waits for some of them first."""
 
 MOST_S = 10.0
-"""Of waiting in one round, however many symptoms begin anew, beyond the slowest observer's time."""
+"""Of waiting in one round, however many symptoms begin anew, beyond the slowest verdict's time."""
+
+LONGEST_S = 600.0
+"""Of that time itself: what boots or starts may be slow."""
 
 AT_ONCE_S = 0.35
 """A wait that is shorter than to find out whether it is needed."""
@@ -77,11 +80,12 @@ class Calm:
 
     async def settled(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return the diagnosis once no pending verdict could change the first act."""
-        began, told = time.monotonic(), False
+        began, told, longest_s = time.monotonic(), False, 0.0
         while not result.healthy:
             left = self._pending()
             slowest_s = max((end - CLOCK.now_ns() for end in left.values()), default=0) / 1e9
-            if not left or time.monotonic() - began > MOST_S + min(slowest_s, 60.0):
+            longest_s = min(max(longest_s, slowest_s), LONGEST_S)
+            if not left or time.monotonic() - began > MOST_S + longest_s:
                 break
             if slowest_s > AT_ONCE_S:
                 asked_of = self._state.revision
@@ -170,7 +174,7 @@ class Calm:
         if parts is None or name not in parts.nodes:
             return usual_ns
         known_ns = sight.start_ups.after_our_start_ns(parts.nodes[name], began_ns, parts, sight)
-        return usual_ns if known_ns is None else min(known_ns, usual_ns)
+        return usual_ns if known_ns is None else known_ns
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""

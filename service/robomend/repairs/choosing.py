@@ -110,11 +110,15 @@ class Chooser:
         soon_s = self.patience.relapse_s + self.policy(state).hold_s  # it is not looked at before
         return replace(self.patience, relapses=max(self.patience.relapses, allowed), relapse_s=soon_s)
 
-    async def remembered(self, state: Robot, result: DiagnosisResult | None = None) -> Remembered:
-        """Return what was tried lately and what is left alone now; with a diagnosis also what came back."""
+    async def remembered(
+        self, state: Robot, result: DiagnosisResult | None = None, since_ns: int = 0
+    ) -> Remembered:
+        """Return what was tried lately (since then) and what is left alone now; with a diagnosis also what
+        came back.
+        """
         suspected = frozenset(name for one in result.diagnoses for name in one.bad) if result else ()
         patience = self.patience_with(state)
-        return await self._store.read(lambda view: remembered(view, state.id, patience, suspected))
+        return await self._store.read(lambda view: remembered(view, state.id, patience, suspected, since_ns))
 
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
@@ -130,13 +134,20 @@ class Chooser:
         literals: Iterable[Literal] | None = None,
         avoided: tuple[tuple[str, str], ...] = (),
         left_off: LeftOff = NOTHING,
+        since_ns: int = 0,
     ) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
         while True:
             try:
                 return await self.choose(
-                    state, result, looks=looks, literals=literals, avoided=avoided, left_off=left_off
+                    state,
+                    result,
+                    looks=looks,
+                    literals=literals,
+                    avoided=avoided,
+                    left_off=left_off,
+                    since_ns=since_ns,
                 )
             except Overloaded:
                 if time.monotonic() >= deadline:
@@ -157,6 +168,7 @@ class Chooser:
         pddl: bool = False,
         permitted: bool = True,
         literals: Iterable[Literal] | None = None,
+        since_ns: int = 0,
     ) -> Choice:
         """Plan for the leading diagnoses and return what to do first.
 
@@ -166,13 +178,14 @@ class Chooser:
             left_off: what a repair switched off or stopped, to be brought back, in quarantine or not.
             permitted: whether only what the policy allows comes into question.
             literals: what is observed; by default what is known now and confirmed.
+            since_ns: what was tried before that says nothing any more.
 
         Raises:
             Refused: the model does not say what can be repaired.
             DomainError, OptionRefused: the robot's own PDDL or planner is at fault.
         """
         parts = self._parts(state)
-        memory = await self.remembered(state, result)
+        memory = await self.remembered(state, result, since_ns)
         situation = Situation(
             parts,
             (*(state.sight.literals() if literals is None else literals), *unknown(state, left_off)),

@@ -44,12 +44,14 @@ class Confirming:
         observed: frozenset[Atom],
         newest: Callable[[], Awaitable[DiagnosisResult]],
         shows_s: Callable[..., float],
+        start_up_s: Callable[[str], float],
     ) -> None:
         """
         Args:
             observed: what somebody should report.
             newest: returns the diagnosis of what is confirmed now.
             shows_s: actions, by name -> how long the effect of one of them may take to show.
+            start_up_s: component -> how long it may need, once started, until it shows.
         """
         self._state = state
         self._record = record
@@ -57,6 +59,7 @@ class Confirming:
         self._observed = observed
         self._newest = newest
         self._shows_s = shows_s
+        self._takes_s = start_up_s
         self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
         self._began_ns = CLOCK.now_ns()
 
@@ -77,7 +80,7 @@ class Confirming:
         sent_ns, sight = report.sent_ns or now_ns, self._state.sight
         n = sight.acted(facts, sent_ns, atoms - facts, now_ns)
         shows_s = self._shows_s(action.name)
-        self._start_up_s = max(self._start_up_s, shows_s)
+        self._start_up_s = max([self._start_up_s, shows_s, *map(self._takes_s, acted_on)])
         sight.start_ups.acted(action, sent_ns, now_ns + round(shows_s * 1e9))
         return {"n": n, "atoms": [str(atom) for atom in sorted(atoms)]}
 

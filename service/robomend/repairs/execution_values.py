@@ -58,6 +58,13 @@ class FreshObs(Protocol):
         """
         ...
 
+    def due_s(self, missing: Collection[Literal], usual_s: float) -> float:
+        """Return in how many seconds the last of these may be due, by how long what they rest on takes to
+        boot and to start (a driver `usual_s` after its device, where nothing is known of it); below 0:
+        nothing says that any is due later than now.
+        """
+        ...
+
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         """Return in how many seconds the observer of one of these, which says since that act that it is not
         so, will have settled; inf: none says so, or what it rests on has begun since.

@@ -7,6 +7,7 @@ GET /robots/{id} and `robomend doctor --robot` list it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -16,10 +17,17 @@ from robomend.model.schemes import publishers_of
 from robomend.observations.language import parse
 from robomend.planning.offers import Offers
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
+from robomend.repairs.execution_values import Timing, timings
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom
+
+ROOM = 1.5
+"""By so much a start may take longer than the model says (robomend.robots.start_ups)."""
+
+TOO_LONG = 5
+"""What the model says is wrong if it is so many times as long as what was seen."""
 
 SHOWN = 10
 """Names that a sentence lists."""
@@ -48,6 +56,7 @@ def findings(
     found = [*faults]
     if state.config.policy != "observe" and state.system.parts is not None:
         found += _carried_out(state, actions, around, asked)
+        found += _slow(state)
         if (why := state.interlocked()) is not None:
             found.append(f"nothing is sent to the robot now: {why}")
     return [*found, *_unobserved(state)]
@@ -103,6 +112,38 @@ def _nobody_does(parts: ComponentModel, by_agent: Iterable[str], offers: Offers)
                 yield f"{action} of {_some(left)}: no agent of this robot offers it, and no plan will have it"
         elif not offers.any_does(action):
             yield f"{action}: no agent of this robot offers it, and no plan will have it"
+
+
+def _slow(state: Robot) -> Iterator[str]:
+    """Compare how long starts and boots took with the model and the configured time-outs."""
+    parts, seen = state.system.parts, state.sight.start_ups
+    assert parts is not None
+    awaited_s = timings(state.config.actions, ()).get("start_node", Timing()).effect_timeout_s
+    for name, node in parts.nodes.items():
+        took_s = seen.seen_s(node, powered=False)
+        said_s, limit = (awaited_s, "`effect_timeout_s` of start_node")
+        if node.start_s is not None:
+            said_s, limit = node.start_s * ROOM, "its `start_s`"
+        if took_s > said_s:
+            yield (
+                f"{name}: a start took {took_s:.1f} s, which is longer than {limit} allows ({said_s:g} s); "
+                "it is waited for as long as such starts are remembered: write "
+                f"`start_s: {math.ceil(took_s)}` in its model"
+            )
+        if node.start_s is not None and took_s and node.start_s > TOO_LONG * max(took_s, 1.0):
+            yield (
+                f"{name}: its `start_s` is {node.start_s:g}, and the longest of its latest starts took "
+                f"{took_s:.1f} s: a start in vain is waited for too long"
+            )
+        devices = [parts.hardware[device] for device in node.drives]
+        powered_s = seen.seen_s(node, powered=True)
+        boots_s = max((device.boot_s or 0.0 for device in devices), default=0.0)
+        if powered_s > max(took_s, awaited_s) and powered_s > boots_s * ROOM:
+            said = f"the model says {boots_s:g} s" if boots_s else "the model says no `boot_s`"
+            yield (
+                f"{name}: after {_some(node.drives)} got its power it took {powered_s:.1f} s until it was "
+                f"heard, and {said}: a driver that is started too early may stay mute"
+            )
 
 
 def _needed(state: Robot, actions: Iterable[str]) -> list[str]:

@@ -63,7 +63,7 @@ class LiveRepair:
         self._confirm = partial(store.ownership.confirm, record.fence)
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         about = (state, record, signals, self._hearing.observed, self._newest)
-        self._confirming = Confirming(*about, self._shows_s)
+        self._confirming = Confirming(*about, self._shows_s, self._start_up_s)
         self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)
         # A crash does not give a repair new rounds, but it may always finish.
         acts.influences = self._confirming.acted
@@ -81,10 +81,13 @@ class LiveRepair:
     def _start_up_s(self, component: str) -> float:
         """Return how long a component that is on, or runs, may need until what rests on it shows that."""
         parts = self._state.system.parts
-        if parts is not None and component in parts.nodes:
-            return self._shows_s("start_node")
-        if parts is not None and component in parts.hardware:
-            return self._shows_s("power_up", "start_node")  # its driver may have to be started after it
+        if parts is None:
+            return self._shows_s(*self._executors)
+        needs_s = self._state.sight.start_ups.needs_s(component, parts)
+        if component in parts.nodes:
+            return max(self._shows_s("start_node"), needs_s)
+        if component in parts.hardware:  # its driver may have to be started after it
+            return max(self._shows_s("power_up", "start_node"), needs_s)
         return self._shows_s(*self._executors)
 
     # --- diagnose
@@ -160,7 +163,13 @@ class LiveRepair:
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
         return await self._signals.unless_halted(
-            self._chooser.choose_in_turn(self._state, result, looks=False, literals=literals)
+            self._chooser.choose_in_turn(
+                self._state,
+                result,
+                looks=False,
+                literals=literals,
+                since_ns=self._record.tries_anew_from_ns,
+            )
         )
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
@@ -171,6 +180,7 @@ class LiveRepair:
                 looks=looks,
                 avoided=self._acts.exhausted(),
                 left_off=self._acts.left_off(),
+                since_ns=self._record.tries_anew_from_ns,
             )
         )
 

@@ -28,6 +28,11 @@ SOON_S = 0.05
 
 LONGER = "which is longer than earlier starts took"
 
+AS_LONG = "as long as what boots or starts there may take"
+
+MOST_LONGER_S = 600.0
+"""So much longer than its time-out an effect is waited for at most, whatever goes on booting and starting."""
+
 DENIED = "and its observer, which has judged anew since, says otherwise"
 
 NAMED = 4
@@ -111,10 +116,18 @@ class Looking:
             left = awaited & self._prediction.expected()
             return frozenset(w for w in left if self._sight.value(w.atom) != w.positive) or None
 
-        def settling_s() -> float:
-            return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
-
         began, answered_ns = time.monotonic(), CLOCK.now_ns()
+        longest_s = timeout_s
+
+        def longer_s() -> float:
+            """Observers may need longer than the time-out, and what boots or starts for longer than that."""
+            nonlocal longest_s
+            passed_s = time.monotonic() - began
+            due_s = self._sight.due_s(awaited & self._prediction.expected(), timeout_s)
+            longest_s = max(timeout_s, min(passed_s + due_s, timeout_s + MOST_LONGER_S))
+            settling_s = max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
+            return max(longest_s - timeout_s, settling_s)
+
         own = action not in POWER_ACTIONS | NODE_ACTIONS
         within = ""
 
@@ -126,9 +139,12 @@ class Looking:
             within, left_s = min(ends.items(), key=lambda end: end[1])
             return left_s
 
-        left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
+        left = await self._until_none(missing, timeout_s, longer_s, known_s) or frozenset()
         took_s = time.monotonic() - began
-        within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {within}"
+        if longest_s > timeout_s and took_s >= longest_s:
+            within = f"{took_s:.0f} s, {AS_LONG}"
+        else:
+            within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {within}"
         seen = sorted(w for w in awaited if self._sight.value(w.atom) == w.positive)
         for literal in left:
             self._prediction.fail(literal)

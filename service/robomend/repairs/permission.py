@@ -11,12 +11,16 @@ from robomend.planning.plan import Step
 from robomend.planning.policy import Mode, Policy
 from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import NotPermitted, Overtaken, unseen
+from robomend.repairs.conclusions import NotPermitted, Overtaken, named, unseen
 from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import RepairRecord, approval
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
+
+TELL_S = 1.0
+"""Waits that take longer are written into the record."""
 
 
 class Permission:
@@ -48,7 +52,26 @@ class Permission:
     async def refusal(self, step: Step) -> str | None:
         """Return why a step may not be done now, if so."""
         refusal = self._policy.refusal(step, self._acts.attempts, self._components)
+        if refusal is None and step.name == "start_node":
+            await self._booted(step.parameters[0])
         return refusal or await self._acts.interlocked()
+
+    async def _booted(self, node: str) -> None:
+        """Wait until the devices have booted that a node drives; one that starts sooner may stay mute."""
+        parts, sight = self._state.system.parts, self._state.sight
+        told = False
+        while parts is not None:
+            left_s = (sight.start_ups.drivable_ns(node, parts, sight) - CLOCK.now_ns()) / 1e9
+            if left_s <= 0:
+                break
+            if not told and left_s > TELL_S:
+                told = True
+                devices = sight.start_ups.booting(node, parts, sight)
+                why = f"until {named(devices)} has booted: {node} is started after that"
+                await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=list(devices))
+            await self._state.changed(self._state.revision, min(left_s, LOOK_S))
+        if told:
+            await self._record.update(RepairTrigger.PERMITTED, waiting_for=[])
 
     async def approved(self, choice: Choice) -> bool:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""

@@ -6,10 +6,13 @@ stop is active, the time is inside a maintenance window, and it is not what the 
 takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
-configured anew, the back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show
-then. That what was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried
-again, but the next time only after AGAIN_S, and twice as much each time until all is seen to be well. Those
-who report more rarely than the lifetimes they give would be repaired for ever.
+configured anew, the back-off of a quarantine ends, OBS shows the model's `act_when` that it did not show
+then, or who was silent is heard. What was tried in vain may be repairable later (a device has booted, somebody
+has plugged it in), and what a part of the service failed at is none of the robot's doing: both are taken up
+again by themselves, after a back-off that doubles, up to once an hour. That what was bad lapsed, and is bad
+again, may be an agent that went away and came back: it is tried again, but the next time only after LAPSED_S,
+and twice as much each time until all is seen to be well. Those who report more rarely than the lifetimes they
+give would be repaired for ever.
 """
 
 from __future__ import annotations
@@ -26,15 +29,26 @@ from robomend.robots.declared import Delays
 from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
 from robomend.store import View, audit, repairs
-from robomend.store.records import Paging, Stop, StoredRepair
+from robomend.store.records import Json, Paging, Stop, StoredRepair
 from robomend_client.literals import Atom
 
 IDLE_S = 30.0
 """An event wakes us; this is for one that was lost."""
 
-AGAIN_S = 60.0
+AGAIN_S = 120.0
+"""What was tried in vain is taken up again after this, then after twice as long, and so on …"""
+
 MOST_AGAIN_S = 3600.0
-"""Between two repairs of what was given up on, and was only not heard of in between."""
+"""… up to this."""
+
+LAPSED_S = 60.0
+"""The same of what was given up on, and was only not heard of in between."""
+
+BROKE_S = 15.0
+"""The same of a repair that failed for the service's own sake, as on a computer at its limit …"""
+
+MOST_BROKE_S = 600.0
+"""… up to this."""
 
 RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
 """Entries of the audit log after which what a repair gave up on is worth another try."""
@@ -47,12 +61,17 @@ class ReasonsToRepair:
         self.given_up: BadSets | None = None  # the diagnoses that the last repair could not mend
         self.retry_ns: int | None = None  # when they may be tried again
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
+        self.again: Json | None = (
+            None  # the repair that the next one takes up: its id, and how often that was
+        )
+        self._taken_up: Json | None = None  # the same, once its back-off is over
+        self._unheard = False  # it ended as observers were silent: worth a try when they are not
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
         self._symptoms: frozenset[Atom] | None = None  # what did not hold then; None: nobody knows any more
         self._lapsed = False  # some of that was not heard of since
         self._again_s = 0.0  # when that may be a reason to try again, monotonic
-        self._pause_s = AGAIN_S
+        self._pause_s = LAPSED_S
         self._untouched: BadSets | None = None  # what the last repair gave up on without having done anything
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
@@ -69,6 +88,8 @@ class ReasonsToRepair:
             self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
             self.retry_ns = data.get("retry_ns")
             self.interlocked = bool(data.get("interlocked"))
+            self._taken_up = data.get("takes_up")
+            self._unheard = bool(data.get("unheard"))
             if data.get("unlasting"):
                 self._does_not_last()
 
@@ -84,18 +105,23 @@ class ReasonsToRepair:
         symptoms: frozenset[Atom] | None = None,
         *,
         interlocked: bool,
+        unheard: bool = False,
         untouched: bool = False,
         unlasting: bool = False,
+        takes_up: Json | None = None,
     ) -> None:
         """A repair has ended; `blamed` are the bad sets that it could not mend.
 
         Args:
             symptoms: what did not hold then.
+            unheard: it ended as observers were silent.
             untouched: nothing was done about them.
             unlasting: repairs of them helped, and did not last.
+            takes_up: what the repair that begins after `retry_ns` is told of this one.
         """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
         self._symptoms, self._lapsed = symptoms, False
+        self.again, self._taken_up, self._unheard = None, takes_up, unheard
         self._untouched = blamed if untouched and not unlasting else None
         if unlasting:
             self._does_not_last()
@@ -137,7 +163,8 @@ class ReasonsToRepair:
                 return late_s + 0.001
             self._unhealthy = self._unwell_s = None
             if state.current is not None and state.current.healthy and not bad:
-                self.given_up, self._lapsed, self._pause_s = None, False, AGAIN_S
+                self.given_up = self.again = None
+                self._lapsed, self._pause_s = False, LAPSED_S
                 if self._untouched is not None:  # a person was told already, as often as this has happened
                     self._flapping.well_by_itself(self._untouched, time.monotonic())
                     self._untouched = None
@@ -148,14 +175,19 @@ class ReasonsToRepair:
         held_s = now - self._unhealthy[1]
         self._unwell_s = now if self._unwell_s is None else self._unwell_s
         if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
+            self.again = self._taken_up if blamed == self.given_up else None
             self.given_up = self.retry_ns = None
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
+        if self._unheard and all(map(state.sight.reported, state.sight.observed)):
+            self.given_up, self._unheard = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
         if self.given_up is not None and self._lapsed and now >= self._again_s:
             self.given_up, self._lapsed = None, False
             self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
         if not acts or blamed == self.given_up:
+            if acts and self.retry_ns is not None:
+                return min(IDLE_S, max(0.0, (self.retry_ns - time.time_ns()) / 1e9) + 0.001)
             return IDLE_S
         if self.given_up is not None and late_s > 0:  # whom else it blames, as not all is heard
             return late_s + 0.001
@@ -178,6 +210,15 @@ class ReasonsToRepair:
         if self.given_up is None or self._symptoms is None:
             return bad
         return tuple(atom for atom in bad if atom in self._symptoms)
+
+
+def takes_up(record: RepairRecord, *, broke: bool) -> tuple[int, Json]:
+    """Return when a repair that ended without success is taken up again, and what the next one is told."""
+    times = (record.data.get("again") or {}).get("times", 0)
+    first_s, most_s = (BROKE_S, MOST_BROKE_S) if broke else (AGAIN_S, MOST_AGAIN_S)
+    wait_s = min(most_s, first_s * 2.0 ** min(times, 63))
+    why = "broke" if broke else "did not mend it"
+    return time.time_ns() + round(wait_s * 1e9), {"of": record.id, "why": why, "times": times + 1}
 
 
 def settles_s(state: Robot) -> float:

@@ -33,6 +33,7 @@ from robomend.store.records import (
 )
 from robomend.transitions import after
 from robomend_client.actions import Action, ActionResult
+from robomend_client.counts import counted
 from robomend_client.events import Kind
 
 Json = Mapping[str, Any]
@@ -51,12 +52,14 @@ def new_repair(
     fence: Fence | None = None,
     asked: bool = False,
     wanted: Sequence[str] | None = None,
+    again: Json | None = None,
 ) -> StoredRepair:
     """Write a new repair with its event and audit entry; its owner takes it up.
 
     Args:
         asked: a person asks for it, who looks at the robot: observers that are silent are not waited for.
         wanted: the diagnosis to be repaired; None: to be chosen.
+        again: the repair that it takes up, as that ended without success.
     """
     last = repairs.page(tx, robot, Paging(limit=1)).items
     data = {
@@ -64,6 +67,7 @@ def new_repair(
         "by": by,
         "asked": asked,
         "wanted": None if wanted is None else list(wanted),
+        "again": again,
         "reason": reason,
         # What the last one asked a person, or left to ask, and nobody answered.
         "question": last[0].data.get("question") if last else None,
@@ -77,6 +81,8 @@ def new_repair(
     repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
     tx.emit(Kind.REPAIR, robot, repair_json(repair))
     why = reason if asked else "the diagnosis is not healthy"
+    if again is not None:
+        why += f"; {again['of']}, which {again['why']}, is taken up again ({counted(again['times'], 'time')})"
     after_ = {"bad": data["wanted"]} if asked else None
     tx.note(AuditEntry(by, "repair.create", repair.id, robot, why, after=after_))
     return repair
@@ -126,6 +132,11 @@ class RepairRecord:
     def drill(self) -> str | None:
         """The drill whose fault it answers; None: the fault is a real one."""
         return self._data.get("drill")
+
+    @property
+    def tries_anew_from_ns(self) -> int:
+        """What was tried before that may help now: of one that takes up an earlier one, its own beginning."""
+        return self._repair.created_ns if self._data.get("again") else 0
 
     @property
     def left_off(self) -> dict[str, int]:
@@ -183,8 +194,8 @@ class RepairRecord:
                 also(tx)
             return updated
 
+        self._data = data  # before it is on disk: steps that run side by side may write meanwhile, too
         self._repair = await self._store.write(write, robots=(self.robot,))
-        self._data = data
 
     async def begin_round(self, choice: Choice, result: DiagnosisResult, entries: Iterable[Entry]) -> int:
         """Note the plan of a new round; return the number of its first step within the repair.

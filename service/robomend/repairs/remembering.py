@@ -35,11 +35,14 @@ class Remembered:
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
 
 
-def remembered(view: View, robot: str, patience: Patience, suspected: Collection[str] = ()) -> Remembered:
+def remembered(
+    view: View, robot: str, patience: Patience, suspected: Collection[str] = (), since_ns: int = 0
+) -> Remembered:
     """Return what was tried lately and what is left alone now.
 
     Args:
         suspected: what any diagnosis blames now; without it nothing is known to have come back.
+        since_ns: what was tried in vain before that may help now.
     """
     now = time.time_ns()
     drill = drills.open_of(view, robot)
@@ -52,9 +55,9 @@ def remembered(view: View, robot: str, patience: Patience, suspected: Collection
     aside = [entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)]
     useless = [replace(r, helped=False) if one in again else r for one, r in zip(tried, records, strict=True)]
     return Remembered(
-        unlasting(tried, again),
+        tuple(one for one in unlasting(tried, again) if one.helped or one.time_ns >= since_ns),
         tuple(dict.fromkeys([*aside, *back])),
-        useless_of(useless, since_ns=now - int(patience.memory_s * 1e9)),
+        useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9))),
         attempts.counted(view, robot, now - HOUR_NS),
         surely_broken(records, repairs.newest(view, [robot]).get(robot)),
         again,

@@ -65,6 +65,8 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "state": repair.state,
         "policy": data.get("policy"),
         "drill": data.get("drill"),
+        "again": data.get("again"),
+        "retry_ns": data.get("retry_ns"),
         "round": data.get("round", 0),
         "diagnosis": data.get("diagnosis"),
         "plan": plan,

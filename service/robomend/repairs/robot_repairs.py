@@ -18,11 +18,11 @@ import structlog
 from robomend.cycle import mend
 from robomend.errors import NotFound, RobomendError, StoreError
 from robomend.repairs.acts import Acts
-from robomend.repairs.conclusions import BadSets, blamed_now, conclusion, end_of, in_doubt
+from robomend.repairs.conclusions import BadSets, Silent, blamed_now, conclusion, end_of, in_doubt
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
-from robomend.repairs.reasons import IDLE_S, ReasonsToRepair
+from robomend.repairs.reasons import IDLE_S, ReasonsToRepair, takes_up
 from robomend.repairs.record import LOOP, RepairRecord, answered, new_repair
 from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
@@ -150,7 +150,8 @@ class RobotRepairs:
             open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
-            return new_repair(tx, self._robot, state.config.policy, fence=self.fence)
+            again = self._reasons.again
+            return new_repair(tx, self._robot, state.config.policy, fence=self.fence, again=again)
 
         begun = await self._needs.store.write(begin, robots=(self._robot,))
         return begun, 0.0 if begun is not None else RETRY_S
@@ -167,7 +168,7 @@ class RobotRepairs:
         )
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
         blamed = at_first = blamed_now(state)
-        declined = unlasting = False
+        declined = unlasting = unheard = False
         try:
             heard_since = await entry.take_up(state)
             last = await mend(await self._live(state, record, heard_since))
@@ -190,7 +191,7 @@ class RobotRepairs:
                 raise
             self.stopped()  # where the stop is younger than what the loop has heard of it
             end, reason = end_of(error, signals, record.data)
-            declined = isinstance(error, Declined)
+            declined, unheard = isinstance(error, Declined), isinstance(error, Silent)
             if end is RepairTrigger.OVERTAKEN:
                 blamed = None  # the new one may begin a repair of its own
             elif end is RepairTrigger.NEEDS_PERSON:
@@ -204,7 +205,8 @@ class RobotRepairs:
         finally:
             listener.cancel()
             await asyncio.wait({listener})
-        await self._end(entry, state, record, end, reason, blamed, declined, unlasting)
+        how = {"declined": declined, "unlasting": unlasting, "unheard": unheard}
+        await self._end(entry, state, record, end, reason, blamed, **how)
 
     async def _end(
         self,
@@ -214,8 +216,10 @@ class RobotRepairs:
         end: RepairTrigger,
         reason: str,
         blamed: BadSets | None,
+        *,
         declined: bool,
         unlasting: bool,
+        unheard: bool,
     ) -> None:
         """Close the repair, and note what it gave up on and what it leaves to ask."""
         signals = self._signals
@@ -227,10 +231,18 @@ class RobotRepairs:
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
         person = end is RepairTrigger.NEEDS_PERSON
-        why = {"interlocked": person and state.interlocked() is not None, "unlasting": unlasting}
+        unheard = unheard and not all(map(state.sight.reported, state.sight.observed))
+        interlocked = person and state.interlocked() is not None
+        why = {"interlocked": interlocked, "unlasting": unlasting, "unheard": person and unheard}
         untouched = person and not record.data.get("rounds")
+        broke, again = end is RepairTrigger.BROKE, None
+        in_vain = (person and not untouched) or bool(record.data.get("again"))  # it had something to try
+        if gives_up and retry_ns is None and not interlocked and (broke or in_vain):
+            retry_ns, again = takes_up(record, broke=broke)
         symptoms = state.sight.symptoms()
-        self._reasons.gave_up(blamed if gives_up else None, retry_ns, symptoms, untouched=untouched, **why)
+        self._reasons.gave_up(
+            blamed if gives_up else None, retry_ns, symptoms, untouched=untouched, takes_up=again, **why
+        )
         given_up = self._reasons.given_up
         await record.update(
             end,
@@ -243,6 +255,7 @@ class RobotRepairs:
             also=left.settle,
             given_up=None if given_up is None else [list(bad) for bad in sorted(given_up)],
             retry_ns=retry_ns,
+            takes_up=again,
             **why,
         )
 

@@ -49,7 +49,7 @@ class RepairTrigger(StrEnum):
     LOOKS_FIRST = "a probe is cheaper than the repair"
     PLANNED = "a plan is chosen"
     NEEDS_APPROVAL = "the policy says approve"
-    PERMITTED = "the policy says auto, or a yes covers it"
+    PERMITTED = "the policy says auto, or a yes covers it; what was waited for has booted"
     APPROVED = "yes"
     OVERTAKEN = "the diagnosis changed meanwhile, or nothing is observed"
     ROUND_ENDED = "every step is done, or one went wrong"
@@ -82,6 +82,8 @@ REPAIR: dict[tuple[RepairState, RepairTrigger], RepairState] = {
     (RepairState.VERIFYING, RepairTrigger.OVERTAKEN): RepairState.CANCELLED,
     (RepairState.AWAITING_APPROVAL, RepairTrigger.GO_ON): RepairState.WAITING,
     (RepairState.RUNNING, RepairTrigger.UNHEARD): RepairState.WAITING,
+    (RepairState.WAITING, RepairTrigger.PERMITTED): RepairState.RUNNING,
+    (RepairState.RUNNING, RepairTrigger.PERMITTED): RepairState.RUNNING,  # another step has waited, too
     (RepairState.RUNNING, RepairTrigger.ROUND_ENDED): RepairState.VERIFYING,
     (RepairState.WAITING, RepairTrigger.ROUND_ENDED): RepairState.VERIFYING,
     (RepairState.VERIFYING, RepairTrigger.UNHEARD): RepairState.WAITING,

@@ -204,6 +204,13 @@ class Sight:
             return inf
         return self.start_ups.may_take_s(missing, sent_ns, answered_ns, parts, self)
 
+    def due_s(self, missing: Collection[Literal], usual_s: float) -> float:
+        """Return in how many seconds the last of these may be due, by how long what they rest on takes to
+        boot and to start; below 0: nothing says that any is due later than now.
+        """
+        parts = self._robot.system.parts
+        return -inf if parts is None else self.start_ups.due_s(missing, usual_s, parts, self)
+
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         """Return in how many seconds the observer of one of these, which says since that act that it is not
         so, will have settled; inf: none says so, or what it rests on has begun since.

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from math import inf
+from time import monotonic
 from typing import Protocol
 
 from robomend.entry import Entry
@@ -30,8 +31,18 @@ from robomend_client.literals import Atom, Literal
 LATEST = 8
 """Starts of each kind that are remembered of each topic."""
 
-LONGEST_NS = 60 * 10**9
+LONGEST_NS = 120 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
+
+BOOTS_NS = 60 * 10**9
+"""A device of which the model does not say how long it boots may still do so for as long after its power."""
+
+MOST_NS = 600 * 10**9
+"""Nothing is waited for any longer, whatever it is that has not come yet."""
+
+SKEW_NS = 2 * 10**9
+"""By so much the times of a start may differ from when it was heard of, beyond what its observer needs and a
+quarter: else a clock has jumped meanwhile, or it was told late, and nothing is learned from it."""
 
 LEAST_NS = 500_000_000
 """It may take so much longer than the longest of the latest in any case: computers are busy now and then."""
@@ -101,6 +112,15 @@ class Starts:
         start = self._held_up.pop()
         self.add(StoredStart(start.took_ns, own_ns, held_up))
 
+    def longest_ns(self, *, powered: bool) -> int:
+        """Return the longest time that one took which had all it needs; 0: none is known to have.
+
+        Args:
+            powered: as one whose device has just got its power.
+        """
+        starts = (each for each in self.all() if powered or not each.powered)
+        return max((each.own_ns for each in starts), default=0)
+
     def all(self) -> tuple[StoredStart, ...]:
         return (*self._held_up, *self._alone)
 
@@ -134,7 +154,8 @@ class StartUps:
 
     def __init__(self) -> None:
         self._stopped: set[str] = set()  # nodes that were heard not to run
-        self._awaited: dict[str, dict[str, int]] = {}  # topic -> node that was seen to begin -> since when
+        # topic -> node that was seen to begin -> since when, and when that was heard of (monotonic)
+        self._awaited: dict[str, dict[str, tuple[int, float]]] = {}
         self._took: dict[str, Starts] = {}  # topic -> of its publisher's latest starts
         self._undated: dict[str, tuple[Node, int, int]] = {}  # topic -> node, its start, when it was heard:
         # of the newest start, while nobody knows when its inputs came
@@ -176,7 +197,7 @@ class StartUps:
     def _ran(self, node: Node, entry: Entry, seen: Seen) -> None:
         now_ns = entry.since_ns or entry.time_ns
         for topic in node.publishes:
-            began_ns = self._awaited.get(topic, {}).pop(node.name, None)
+            began_ns, _ = self._awaited.get(topic, {}).pop(node.name, (None, 0.0))
             self._undated.pop(topic, None)
             there = [seen.rose_ns(each) for each in _inputs(node, topic) if seen.reported(each)]
             if began_ns is None or entry.positive or None in there or topic not in self._took:
@@ -188,11 +209,11 @@ class StartUps:
         elif node.name in self._stopped:
             self._stopped.discard(node.name)
             for topic in node.publishes:
-                self._awaited.setdefault(topic, {})[node.name] = now_ns
+                self._awaited.setdefault(topic, {})[node.name] = now_ns, monotonic()
 
     def _heard(self, topic: str, entry: Entry, parts: ComponentModel, seen: Seen) -> None:
         """A topic is heard, or not any more: of a start it is the first time that counts."""
-        for name, began_ns in tuple(self._awaited[topic].items()):
+        for name, (began_ns, heard_s) in tuple(self._awaited[topic].items()):
             good_ns = entry.since_ns if entry.positive else entry.onset_ns
             if good_ns is None or good_ns < began_ns:
                 continue  # of the one before it, or not heard since it began
@@ -201,9 +222,14 @@ class StartUps:
             took_ns = good_ns - began_ns
             if not entry.positive or took_ns > LONGEST_NS or (node := parts.nodes.get(name)) is None:
                 continue
-            powered = self._powered_after(began_ns - LONGEST_NS, [node], parts, seen)
+            delays = seen.delays(entry.atom)
+            skew_ns = SKEW_NS + delays.detection_ns + delays.settling_ns + took_ns // 4
+            if abs(took_ns - round((monotonic() - heard_s) * 1e9)) > skew_ns:
+                continue
+            powered = self._powered_after(began_ns - BOOTS_NS, [node], parts, seen)
             inputs = _inputs(node, topic)
-            self._took.setdefault(topic, Starts()).add(StoredStart(took_ns, took_ns, powered or bool(inputs)))
+            start = StoredStart(took_ns, took_ns, powered or bool(inputs), powered)
+            self._took.setdefault(topic, Starts()).add(start)
             self._unwritten.add(topic)
             if inputs and not powered:
                 self._undated[topic] = node, began_ns, good_ns
@@ -259,8 +285,16 @@ class StartUps:
 
     def may_take_ns(self, topic: str) -> int | None:
         """Return how long it may take until a topic is heard of a node that was started; None: unknown."""
-        starts = self._took.get(topic)
+        starts = self._starts(topic)
         return None if starts is None else self._patience(topic) * starts.after_node_ns()
+
+    def _starts(self, topic: str) -> Starts | None:
+        """Return the starts of a topic that were seen, or what the model says of them; None: nobody knows."""
+        if topic in self._took:
+            return self._took[topic]
+        nodes = self._publishers[1].get(topic, ()) if self._publishers is not None else ()
+        longest_ns = max((_ns(node.start_s) for node in nodes), default=0)
+        return Starts([StoredStart(longest_ns, longest_ns, False)]) if longest_ns else None
 
     def _patience(self, topic: str) -> int:
         """Return how many times as long a start may take after some that were given up: these need not have
@@ -273,8 +307,9 @@ class StartUps:
         ordered_ns = self._began_by_us.get(node.name)
         if ordered_ns is None or began_ns < ordered_ns or CLOCK.now_ns() < self._others_until_ns:
             return None
-        if self._powered_after(began_ns - LONGEST_NS, [node], parts, seen):
+        if self._powered_after(began_ns - BOOTS_NS, [node], parts, seen):
             return None
+        self.publishers(parts)  # of which the model may say how long they take
         longest_ns = 0
         for atom in (Atom("ok", (topic,)) for topic in node.publishes):
             if seen.reported(atom):
@@ -310,7 +345,8 @@ class StartUps:
         if not (literal.positive and atom.predicate == "ok" and seen.value(atom) is False):
             return None  # no topic, or its observer has not said yet how it is after the act
         (topic,) = atom.args
-        starts, nodes = self._took.get(topic), self.publishers(parts).get(topic, ())
+        nodes = self.publishers(parts).get(topic, ())
+        starts = self._starts(topic)
         running = [Atom(Node.state, (node.name,)) for node in nodes]
         needed = [each for node in nodes for each in _inputs(node, topic)]
         inputs = [each for each in needed if seen.reported(each)]
@@ -319,7 +355,7 @@ class StartUps:
         hidden = [each for each in needed if each not in inputs]
         if not self._up_before(since_ns - starts.after_node_ns(), hidden, parts, seen):
             return None
-        if self._powered_after(since_ns - LONGEST_NS, nodes, parts, seen):
+        if self._powered_after(since_ns - BOOTS_NS, nodes, parts, seen):
             return None  # a device may take longer to boot than its driver
         began = (seen.rose_ns(each) for each in running)
         began_ns = max((since_ns if at_ns is None else at_ns for at_ns in began), default=since_ns)
@@ -332,6 +368,107 @@ class StartUps:
         if seen.looked_ns(atom) >= end_ns:
             return end_ns
         return end_ns + seen.delays(atom).settling_ns + SLACK_NS
+
+    def due_s(self, missing: Iterable[Literal], usual_s: float, parts: ComponentModel, seen: Seen) -> float:
+        """Return in how many seconds the last of these literals may be due, by how long the model and earlier
+        starts say that devices boot and nodes start; below 0: nothing says that any is due later than now.
+
+        Args:
+            usual_s: what a driver has from when its device has booted, where nothing is known of its starts.
+        """
+        now_ns, usual_ns = CLOCK.now_ns(), round(usual_s * 1e9)
+        due_ns = max((self._due_ns(one.atom, usual_ns, parts, seen) for one in missing), default=0)
+        return (min(due_ns, now_ns + MOST_NS) - now_ns) / 1e9
+
+    def _due_ns(
+        self,
+        atom: Atom,
+        usual_ns: int,
+        parts: ComponentModel,
+        seen: Seen,
+        above: frozenset[Atom] = frozenset(),
+    ) -> int:
+        """Return when something may be due; 0: nothing says. `above`: what waits for it."""
+        (name,) = atom.args if len(atom.args) == 1 else ("",)
+        if atom.predicate == Hardware.state and name in parts.hardware:
+            return self.booted_ns(name, parts, seen)
+        if atom.predicate == Node.state and name in parts.nodes:
+            return self._began_ns(name, seen) + _with_room(_ns(parts.nodes[name].start_s))
+        if atom.predicate != "ok" or atom in above:
+            return 0
+        latest_ns = 0
+        for node in self.publishers(parts).get(name, ()):
+            devices = self._devices(node, parts)
+            booted_ns = max((self.booted_ns(each, parts, seen) for each in devices), default=0)
+            inputs = _inputs(node, name)
+            late = (each for each in inputs if not seen.value(each))
+            coming_ns = max(
+                (self._due_ns(each, usual_ns, parts, seen, above | {atom}) for each in late), default=0
+            )
+            began_ns = self._began_ns(node.name, seen)
+            powered = any(self._power_ns(each, seen) > began_ns - BOOTS_NS for each in devices)
+            if own_ns := self._own_ns(name, node, powered=powered):
+                there = (seen.rose_ns(each) or 0 for each in inputs if seen.value(each))
+                due_ns = max(began_ns, booted_ns, coming_ns, *there) + _with_room(own_ns)
+            else:
+                due_ns = max(coming_ns, booted_ns + usual_ns if booted_ns else 0)
+            latest_ns = max(latest_ns, due_ns + seen.delays(atom).settling_ns + SLACK_NS if due_ns else 0)
+        return latest_ns
+
+    def booted_ns(self, device: str, parts: ComponentModel, seen: Seen) -> int:
+        """Return when a device will have booted that has got its power lately; 0: nothing says."""
+        power_ns = self._power_ns(device, seen)
+        boot_s = parts.hardware[device].boot_s
+        return power_ns + _with_room(_ns(boot_s)) if power_ns and boot_s else 0
+
+    def drivable_ns(self, node: str, parts: ComponentModel, seen: Seen) -> int:
+        """Return when all devices of a node will have booted; 0: nothing says."""
+        devices = self._devices(parts.nodes[node], parts) if node in parts.nodes else ()
+        return max((self.booted_ns(each, parts, seen) for each in devices), default=0)
+
+    def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
+        """Return the devices of a node that have not booted yet, by what the model says."""
+        now_ns = CLOCK.now_ns()
+        devices = self._devices(parts.nodes[node], parts)
+        return tuple(dict.fromkeys(d for d in devices if self.booted_ns(d, parts, seen) > now_ns))
+
+    def needs_s(self, name: str, parts: ComponentModel) -> float:
+        """Return how long what hangs on a component may need from when it is on, or runs, by the model and by
+        earlier starts; 0: nothing is known.
+        """
+        if name in parts.hardware:
+            fed = [name, *(each for each in parts.hardware if name in parts.feeders(each))]
+            boot_s = max(_with_room(_ns(parts.hardware[each].boot_s)) for each in fed) / 1e9
+            drivers = [node for node in parts.nodes.values() if not set(fed).isdisjoint(node.drives)]
+        else:
+            boot_s, drivers = 0.0, [parts.nodes[name]] if name in parts.nodes else []
+        powered = name in parts.hardware
+        own = (self._own_ns(topic, node, powered=powered) for node in drivers for topic in node.publishes)
+        return boot_s + max(map(_with_room, own), default=0) / 1e9
+
+    def seen_s(self, node: Node, *, powered: bool) -> float:
+        """Return the longest of the latest starts of a node that were seen; 0: none was."""
+        starts = (self._took[topic] for topic in node.publishes if topic in self._took)
+        return max((each.longest_ns(powered=powered) for each in starts), default=0) / 1e9
+
+    def _own_ns(self, topic: str, node: Node, *, powered: bool) -> int:
+        """Return the longest that a node is known to need for a topic, all that it needs being there."""
+        starts = self._took.get(topic)
+        return max(_ns(node.start_s), 0 if starts is None else starts.longest_ns(powered=powered))
+
+    def _began_ns(self, node: str, seen: Seen) -> int:
+        return max(self._began_by_us.get(node, 0), seen.rose_ns(Atom(Node.state, (node,))) or 0)
+
+    def _power_ns(self, device: str, seen: Seen) -> int:
+        """Return when a device was seen to get its power, or was switched by a repair; 0: nobody knows."""
+        on = Atom(Hardware.state, (device,))
+        if seen.value(on) is False:
+            return 0
+        rose_ns = (seen.rose_ns(on) or 0) if seen.seen_off(on) else 0
+        return max(rose_ns, self._switched.get(device, 0))
+
+    def _devices(self, node: Node, parts: ComponentModel) -> tuple[str, ...]:
+        return (*node.drives, *(each for name in node.drives for each in parts.feeders(name)))
 
     def _up_before(self, time_ns: int, topics: Iterable[Atom], parts: ComponentModel, seen: Seen) -> bool:
         """Whether who publishes these, which nobody reports, ran before that: then nobody waits for them."""
@@ -352,3 +489,12 @@ def _inputs(node: Node, topic: str) -> list[Atom]:
     """Return the inputs that a node needs to publish a topic."""
     inputs = node.publishes[topic] if not node.drives or node.inputs_matter else ()
     return [Atom("ok", (name,)) for name in inputs]
+
+
+def _ns(seconds: float | None) -> int:
+    return round((seconds or 0.0) * 1e9)
+
+
+def _with_room(known_ns: int) -> int:
+    """Return how long to wait for what has taken so long: half of it more, and half a second at least."""
+    return known_ns + max(known_ns // 2, LEAST_NS) if known_ns else 0

@@ -34,6 +34,7 @@ class StoredStart:
     took_ns: int  # since the node began to run
     own_ns: int  # of it since the last of its inputs was there; all of it where nobody knows
     held_up: bool  # whether something that came later may have held it up
+    powered: bool = False  # … which may have been a device that had just got its power
 
 
 @dataclass(frozen=True, slots=True)

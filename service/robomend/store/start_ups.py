@@ -33,11 +33,13 @@ def keep(tx: Transaction, robot: str, took: Mapping[str, Sequence[StoredStart]])
 
 
 def _json(start: StoredStart) -> int | list[int]:
-    """One that nothing held up is one number."""
+    """One that nothing held up is one number, one that a device may have held up has a third."""
     took_ns = checked_ns(start.took_ns)
-    return [took_ns, checked_ns(start.own_ns)] if start.held_up else took_ns
+    return [took_ns, checked_ns(start.own_ns), *([1] if start.powered else [])] if start.held_up else took_ns
 
 
-def _start(value: int | tuple[int, int]) -> StoredStart:
-    took_ns, own_ns = (value, value) if isinstance(value, int) else value
-    return StoredStart(took_ns, own_ns, not isinstance(value, int))
+def _start(value: int | list[int]) -> StoredStart:
+    if isinstance(value, int):
+        return StoredStart(value, value, False)
+    took_ns, own_ns, *powered = value
+    return StoredStart(took_ns, own_ns, True, bool(powered))

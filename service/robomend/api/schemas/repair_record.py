@@ -107,6 +107,14 @@ class WantedProbe(Out):
     atom: str = Field(examples=["on(jaguar)"])
 
 
+class TakenUp(Out):
+    """A repair that ended without success, and is taken up again after a while."""
+
+    of: str = Field(examples=["r-7k2m9x4q"])
+    why: str = Field(examples=["did not mend it", "broke"])
+    times: int = Field(description="how often since somebody, or the diagnosis, began it", examples=[1])
+
+
 class RepairOut(Out):
     """A repair: its state, its present plan, and its rounds."""
 
@@ -127,6 +135,10 @@ class RepairOut(Out):
     probe: WantedProbe | None
     reason: str
     drill: str | None = Field(description="the drill that it answers", examples=["d-7k2m9x4q"])
+    again: TakenUp | None = Field(default=None, description="the repair that it takes up by itself")
+    retry_ns: Nanoseconds | None = Field(
+        default=None, description="when the same is tried again by itself, unless it is well by then"
+    )
     by: str | None = Field(examples=["robomend"])
     created_ns: Nanoseconds
     created: Moment
