@@ -6,6 +6,7 @@ OBS holds it, the history and the store keep it, as it is. Times are integer nan
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from robomend_client.literals import Atom, Literal
 from robomend_client.readings import Reading
@@ -35,3 +36,7 @@ class Entry:
     def fresh(self, now_ns: int) -> bool:
         """Return whether the lifetime has not run out."""
         return self.expires_ns is None or now_ns < self.expires_ns
+
+    def measured(self) -> dict[str, Any] | None:
+        """Return its reading as answers, events and records have it, with all of it as one text."""
+        return None if self.reading is None else {**self.reading.as_json(), "text": str(self.reading)}

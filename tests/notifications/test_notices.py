@@ -38,6 +38,15 @@ def test_a_plan_that_waits_for_a_yes_is_told_with_what_it_is_for() -> None:
     assert notice.lines == ("diagnosis: jaguar", "plan: power_up(jaguar); start_node(jaguar_node)")
 
 
+def test_what_was_measured_of_the_newest_symptoms_is_told() -> None:
+    symptoms = [
+        {"literal": "not ok(scan)", "reading": {"value": 0, "text": "0 of 10 Hz for 2.1 s"}},
+        {"literal": "not ok(map)"},
+    ]
+    notice = told(Kind.REPAIR, {**WAITING, "rounds": [{"symptoms": []}, {"symptoms": symptoms}]})
+    assert notice.lines[1] == "seen: not ok(scan): 0 of 10 Hz for 2.1 s"
+
+
 def test_the_same_plan_is_the_same_notice_and_another_one_is_another() -> None:
     key = told(Kind.REPAIR, WAITING).key
     assert told(Kind.REPAIR, {**WAITING, "updated_ns": 3}, number=9).key == key

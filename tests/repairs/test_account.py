@@ -12,9 +12,10 @@ from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
-from robomend.repairs.account import MOST, account, grounds, not_chosen, outcome
+from robomend.repairs.account import MOST, _observed, account, grounds, not_chosen, outcome
 from robomend.repairs.record import _decided
 from robomend_client.literals import fails, holds
+from robomend_client.readings import Reading, Symptom
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
 
@@ -44,6 +45,14 @@ def test_the_outcome_is_what_is_known_of_the_symptoms_then() -> None:
     round_ = {"symptoms": [{"literal": "not ok(scan)"}, {"literal": "not ok(map)"}]}
     entry = Entry(holds("ok", "scan"), "agent", 9, None, 5)
     assert outcome(round_, {entry.atom: entry}) == [{"literal": "ok(scan)", "since_ns": 5, "onset_ns": None}]
+
+
+def test_what_was_measured_of_a_symptom_is_in_the_account() -> None:
+    silent = Reading("0 of 10 Hz for 2.1 s", symptom=Symptom.SILENT)
+    entry = Entry(fails("ok", "scan"), "agent", 9, None, 5, reading=silent)
+    [seen] = outcome({}, {entry.atom: entry})
+    assert seen["reading"] == {"value": str(silent), "symptom": "silent", "text": str(silent)}
+    assert _observed(seen) == "not ok(scan) since 00:00:00.000: 0 of 10 Hz for 2.1 s"
 
 
 def test_the_outcome_names_what_does_not_hold_and_was_no_symptom_when_the_round_began() -> None:

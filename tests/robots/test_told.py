@@ -8,17 +8,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.api.views import accepted_response
+from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.robots.batches import Acknowledged
 from robomend.store.batch_text import told
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading
 
 TEXTS = st.lists(st.text(), max_size=3)
 
 
 @given(st.integers(0, 2**63), TEXTS, TEXTS, st.integers(0, 2**63))
 def test_the_event_of_a_batch(revision: int, changed: list[str], forgotten: list[str], at_ns: int) -> None:
-    event = told(revision, changed, [Atom("ok", (text,)) for text in forgotten], at_ns)
+    new = [
+        Entry(Literal(Atom("ok", (text,))), "a", 1, reading=Reading(text) if text else None)
+        for text in changed
+    ]
+    event = told(revision, new, [Atom("ok", (text,)) for text in forgotten], at_ns)
+    assert event["changed"] == [str(entry.literal) for entry in new]
+    assert event.get("readings", {}).keys() == {str(entry.literal) for entry in new if entry.reading}
     assert event.text == json.dumps(event, separators=(",", ":"))
     assert event.own == event.text
 

@@ -19,10 +19,12 @@ from robomend.store import Store, Transaction, View, events, folding, observatio
 from robomend.store.encoding import Encoded, atom_to_text
 from robomend_client.events import Event
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading, Symptom
 
 pytestmark = pytest.mark.anyio
 
 EXAMPLE = itertools.count()
+READINGS = [Reading(1.5, "V", symptom=Symptom.VALUE), Reading('ü "text" <b>'), None, None]
 ATOMS = [Atom("ok", ("scan",)), Atom("on", ("laser",)), Atom("inc", ("yaw",)), Atom("dec", ("yaw",))]
 
 
@@ -55,7 +57,10 @@ STEPS = st.lists(
 
 async def accept(store: Store, robot: str, obs: Obs, step: Step, time_ns: int) -> None:
     """Take a batch into OBS, and write it as a robot does."""
-    given = [Entry(Literal(ATOMS[n], sign), "general", time_ns, time_ns + 9) for n, sign in step.literals]
+    given = [
+        Entry(Literal(ATOMS[n], sign), "general", time_ns, time_ns + 9, reading=READINGS[n])
+        for n, sign in step.literals
+    ]
     changed = obs.update(given)
     new = {one.atom for one in changed}
     renewed = {

@@ -17,7 +17,7 @@ from robomend.store.encoding import digest
 from robomend.store.portable import export, load
 from robomend.store.records import IdempotencyKey
 
-OLDER = ("0001", "0002", "0003", "0005", "0006", "0007", "0008")
+OLDER = ("0001", "0002", "0003", "0005", "0006", "0007", "0008", "0009")
 
 
 def differences(connection: Connection) -> list[object]:
@@ -80,9 +80,10 @@ def test_an_older_database_is_brought_up_to_date_and_nothing_is_lost(url: str, v
     database.prepare()
     after = everything(database)
     assert after.pop("alembic_version") == [{"version_num": schema.HEAD}]
-    check_log(before, after)
-    digests = [digest(IdempotencyKey(row["scope"], row["key"], "").whole) for row in before["idempotency"]]
-    assert [row["digest"].hex() for row in after["idempotency"]] == digests
+    if "diagnoses" in before:
+        check_log(before, after)
+        keys = [IdempotencyKey(row["scope"], row["key"], "") for row in before["idempotency"]]
+        assert [row["digest"].hex() for row in after["idempotency"]] == [digest(key.whole) for key in keys]
     for name in before.keys() - {"alembic_version", "observations", "diagnoses", "events", "idempotency"}:
         known = before[name][0].keys()
         assert [{key: row[key] for key in known} for row in after[name]] == before[name], name
@@ -192,4 +193,5 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
         "0007_batch_jobs.py",
         "0008_start_ups.py",
         "0009_one_log.py",
+        "0010_readings.py",
     ]

@@ -47,7 +47,10 @@ def ill(service: Service) -> Service:
     """A service with a robot that waits for approval, and others beside it."""
     service.with_robot("ill")
     service.api("PUT", "/robots/silent", json={"model": "tedusar"})
-    service.observe("not ok(map)", "on(hokuyo)", robot="ill", source="general_observer")
+    measured = {"value": "0 of 2 Hz for 3.1 s", "limit": "1 to 3 Hz", "symptom": "silent"}
+    service.observe(
+        "not ok(map)", "on(hokuyo)", robot="ill", source="general_observer", readings=[measured, None]
+    )
     return service
 
 
@@ -70,7 +73,9 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     assert "Expected: 0.92 bit for 1.0 s of looking." in diagnosis
     assert "Approve: carry it out" in part(page, "repair")
     observed = part(page, "obs")
-    assert re.search(r"not ok\(map\)\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed)
+    assert re.search(
+        r"not ok\(map\)\s+0 of 2 Hz for 3.1 s, 1 to 3 Hz\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed
+    )
     assert page.locator(".timeline rect.suspect").count() >= 3
 
 

@@ -24,11 +24,15 @@ from robomend.store.records import IdempotencyKey
 
 NDJSON = "application/x-ndjson"
 
+_SCHEMA = OBSERVATIONS.json_schema(ref_template="#/components/schemas/{model}")
+COMPONENTS: dict[str, Any] = _SCHEMA.pop("$defs")
+"""What the schema of a batch refers to."""
+
 OPENAPI_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
         "content": {
-            "application/json": {"schema": OBSERVATIONS.json_schema()},
+            "application/json": {"schema": _SCHEMA},
             NDJSON: {
                 "schema": {"type": "string", "description": "a batch, as in JSON, in each line"},
                 "example": '{"observations": ["not ok(scan)"], "time": 1764000000000000000}\n'

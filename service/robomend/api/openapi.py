@@ -7,6 +7,7 @@ from typing import Any
 
 from robomend.api import lists
 from robomend.api.documented import PROBLEM
+from robomend.api.ingestion import COMPONENTS
 from robomend.api.problems import MEDIA_TYPE
 from robomend.api.schemas.base import ProblemBody
 from robomend.api.sign_in import PLAIN, SECURE
@@ -42,6 +43,7 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
     """Name operations, add the schemes of key and cookie, give problems their media type."""
     components = document.setdefault("components", {})
     components["schemas"]["ProblemBody"] = ProblemBody.model_json_schema()
+    components["schemas"] |= COMPONENTS
     components["securitySchemes"] = {
         "key": {
             "type": "http",

@@ -13,12 +13,13 @@ from robomend.api.long_json import page_text
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
-from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut
+from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut, ReadingOut
 from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
+from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
@@ -182,6 +183,7 @@ def obs_out(state: Robot) -> ObsOut:
                 confirmed=entry.atom not in unconfirmed,
                 fresh=entry.fresh(now),
                 used=entry.literal.atom in used,
+                reading=_reading_out(entry),
             )
             for entry in entries
         ],
@@ -196,6 +198,11 @@ def obs_out(state: Robot) -> ObsOut:
             for _, record in sorted(state.assertion_records.items())
         ],
     )
+
+
+def _reading_out(entry: Entry) -> ReadingOut | None:
+    reading = entry.reading
+    return None if reading is None else ReadingOut(**reading._asdict(), text=str(reading))
 
 
 def diagnosis_response(state: Robot) -> Response:
@@ -321,7 +328,14 @@ def _batch_line(item: StoredBatch) -> dict[str, Any]:
         "revision": item.revision,
         "by": item.by,
         "observations": [
-            with_texts({"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns})
+            with_texts(
+                {
+                    "literal": str(e.literal),
+                    "source": e.source,
+                    "time_ns": e.time_ns,
+                    "reading": e.measured(),
+                }
+            )
             for e in item.entries
         ],
         "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},

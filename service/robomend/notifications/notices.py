@@ -36,6 +36,9 @@ TOLD = frozenset(
 MOST_TOLD = 20
 """Steps of a plan, or components, that a message lists."""
 
+MOST_MEASURED = 5
+"""Readings that a message has."""
+
 TEXT_CHARACTERS = 1000
 """Of a reason; what robots and people wrote may be long."""
 
@@ -117,6 +120,7 @@ def _of_repair(event: Event) -> Notice | None:
     lines = []
     if diagnosis.get("bad"):
         lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
+    lines += [f"seen: {one}" for one in _measured(data)]
     if state == RepairState.AWAITING_APPROVAL:
         about, what = "approval", "a plan waits for a yes" if plan else "a question waits for an answer"
         lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
@@ -133,6 +137,13 @@ def _of_repair(event: Event) -> Notice | None:
         about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and a person is needed"
     lines += [f"reason: {reason}"] if reason else []
     return Notice(about, key, event.robot, repair, event.time_ns, f"{event.robot}: {what}", tuple(lines))
+
+
+def _measured(data: Json) -> list[str]:
+    """Return what was measured of the symptoms of a repair's newest round."""
+    rounds = data.get("rounds")
+    found = [one for one in rounds[-1].get("symptoms", ()) if one.get("reading")] if rounds else []
+    return [f"{one['literal']}: {one['reading']['text']}" for one in found[:MOST_MEASURED]]
 
 
 def _of_drill(event: Event) -> Notice | None:

@@ -184,12 +184,14 @@ def _said(step: Json) -> str:
 
 
 def _seen(entry: Entry) -> dict[str, Any]:
-    return {"literal": str(entry.literal), "since_ns": entry.since_ns, "onset_ns": entry.onset_ns}
+    seen = {"literal": str(entry.literal), "since_ns": entry.since_ns, "onset_ns": entry.onset_ns}
+    return seen if entry.reading is None else {**seen, "reading": entry.measured()}
 
 
 def _observed(seen: Json) -> str:
-    began = since(seen)
-    return f"{seen['literal']} since {_clock(began)}" if began else str(seen["literal"])
+    began, reading = since(seen), seen.get("reading")
+    measured = f": {reading['text']}" if reading else ""
+    return f"{seen['literal']} since {_clock(began)}{measured}" if began else f"{seen['literal']}{measured}"
 
 
 def _anew(seen: Json, done: Json) -> str:

@@ -23,12 +23,13 @@ from robomend.observations.language import Unknown, parse
 from robomend.observations.obs import Obs
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.evidence import Dating
+from robomend.robots.evidence import Dating, check_parallel
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
 from robomend.turns import Turns
 from robomend_client.literals import Atom
+from robomend_client.readings import Reading
 
 log = structlog.get_logger("robomend.robots.batches")
 
@@ -50,6 +51,7 @@ class Batch:
     onset: Sequence[int | None] = ()  # … and the last good sample before it turned bad
     unknown: Sequence[str] = ()  # atoms that are unknown from now on
     settled: int | None = None  # the number of the `settle` that this answers
+    readings: Sequence[Reading | None] = ()  # for each observation what was measured
 
     def later(self, by_ns: int) -> Batch:
         """Return it with its times brought to a clock that is so far ahead."""
@@ -68,6 +70,7 @@ class Batch:
             onset,
             self.unknown,
             self.settled,
+            self.readings,
         )
 
 
@@ -151,6 +154,8 @@ async def read_batches(
         batch = given.later(_set_back_ns(given, now_ns))
         at_ns = _time_ns(batch, now_ns)
         rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
+        readings = batch.readings
+        check_parallel("readings", readings, len(batch.observations))
         behind_ns = evidence.clocks.behind_ns(source)
         if behind_ns:
             batch = batch.later(behind_ns)
@@ -176,7 +181,10 @@ async def read_batches(
                         why = f"the batch says both {literal.atom} and not {literal.atom}, of one moment"
                         raise ObservationError(why, sentence, 0)
                     since_ns, onset_ns = rests_on(literal, position)
-                    entry = Entry(literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled)
+                    reading = readings[position] if readings else None
+                    entry = Entry(
+                        literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled, reading
+                    )
                     entries.append(entry)
                     newest[literal.atom] = entry
                     if forgotten:

@@ -44,11 +44,7 @@ class Dating(NamedTuple):
         for name, values in (("since", since), ("onset", onset)):
             if not values:
                 continue
-            if len(values) != observations:
-                raise InputError(
-                    f"{name}: {len(values)} values for {observations} observations; give one for each, null "
-                    "where there is none"
-                )
+            check_parallel(name, values, observations)
             late = next((n for n, value in enumerate(values) if value is not None and value > time_ns), None)
             if late is not None:
                 raise InputError(
@@ -74,3 +70,12 @@ class Dating(NamedTuple):
             return since_ns, since_ns if fact else None
 
         return rests_on
+
+
+def check_parallel(name: str, values: Sequence[object], observations: int) -> None:
+    """Refuse a list of a batch that does not run parallel to its observations. InputError."""
+    if values and len(values) != observations:
+        raise InputError(
+            f"{name}: {len(values)} values for {observations} observations; give one for each, null where "
+            "there is none"
+        )

@@ -200,10 +200,11 @@ class Robot:
 
     def apply(self, update: Update) -> tuple[Sequence[Entry], Sequence[Entry]]:
         """Take an update into OBS. Return the entries that changed what is known, and those that only renewed
-        a lifetime, which must survive a restart as well. ObservationError if OBS would grow too large.
+        a lifetime or a reading, which must survive a restart as well. ObservationError if OBS would grow too
+        large.
         """
         changed = self.obs.update(update.entries) if update.entries else ()
-        mortal = [entry for entry in update.entries if entry.expires_ns is not None]
+        mortal = [e for e in update.entries if e.expires_ns is not None or e.reading is not None]
         renewed: dict[Atom, Entry] = {}
         if mortal:
             new = {entry.atom for entry in changed}

@@ -25,12 +25,21 @@ from operator import is_not
 from typing import Any
 
 from robomend.entry import Entry
-from robomend.store.encoding import INT64, Encoded, atom_to_text, checked, checked_ns, to_json
-from robomend.store.records import StoredAssertion, StoredBatch
+from robomend.store.encoding import (
+    INT64,
+    Encoded,
+    atom_to_text,
+    checked,
+    checked_ns,
+    entry_of,
+    more_of,
+    to_json,
+)
+from robomend.store.records import Json, StoredAssertion, StoredBatch
 from robomend_client.literals import Atom, Literal
 
-Held = tuple[bool, str, int, int | None, int | None, int | None, int | None]
-"""The columns of a row of OBS from `positive` to `settled`."""
+Held = tuple[bool, str, int, int | None, int | None, int | None, int | None, str | None]
+"""The columns of a row of OBS from `positive` to `more`."""
 
 _IN_ROWS = '"o":1,'
 
@@ -85,7 +94,7 @@ def event_of(text: str, revision: int, time_ns: int) -> Encoded:
     """Return what the event of the batch told."""
     rows = json.loads(text)
     held = _held_rows(rows)
-    changed = [str(_literal(row)) for row in held[: rows.get("c", len(held))]]
+    changed = [_entry(row) for row in held[: rows.get("c", len(held))]]
     forgotten = [Atom(predicate, tuple(args)) for predicate, args in rows.get("f", ())]
     return told(revision, changed, forgotten, time_ns - rows.get("n", 0))
 
@@ -100,12 +109,21 @@ def held_of(text: str) -> tuple[list[tuple[str, Held]], list[str]]:
     return held, [_atom_text(predicate, args) for predicate, args in rows.get("f", ())]
 
 
-def told(revision: int, changed: list[str], forgotten: Iterable[Atom], accepted_ns: int) -> Encoded:
+def told(revision: int, changed: Iterable[Entry], forgotten: Iterable[Atom], accepted_ns: int) -> Encoded:
     """Return the event of a batch. The encoder would take several times as long for its text."""
-    atoms = [*map(str, forgotten)]
-    event = {"revision": revision, "changed": changed, "forgotten": atoms, "accepted_ns": accepted_ns}
-    new, gone = ",".join(map(encode_basestring_ascii, changed)), ",".join(map(encode_basestring_ascii, atoms))
+    literals, atoms = [], [*map(str, forgotten)]
+    readings: dict[str, Any] = {}
+    for entry in changed:
+        literals.append(literal := str(entry.literal))
+        if entry.reading is not None:
+            readings[literal] = entry.measured()
+    event = {"revision": revision, "changed": literals, "forgotten": atoms, "accepted_ns": accepted_ns}
+    new = ",".join(map(encode_basestring_ascii, literals))
+    gone = ",".join(map(encode_basestring_ascii, atoms))
     text = f'"revision":{revision},"changed":[{new}],"forgotten":[{gone}],"accepted_ns":{accepted_ns}'
+    if readings:
+        event["readings"] = readings
+        text += f',"readings":{to_json(readings)}'
     return Encoded(event, f"{{{text}}}")
 
 
@@ -136,10 +154,13 @@ def _entry_text(entry: Entry) -> str:
     """Return an entry as an array, without the values at its end that it has not got."""
     atom, positive = entry.literal
     text = f"[{_atom(atom)},{'true' if positive else 'false'},{_string(entry.source)},{_ns(entry.time_ns)}"
-    more: tuple[int | None, ...] = (entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
-    while more and more[-1] is None:
-        more = more[:-1]
-    return f"{text}{''.join([f',{_ns(value)}' for value in more])}]"
+    times: tuple[int | None, ...] = (entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
+    more = more_of(entry)
+    if more is not None:
+        return f"{text}{''.join([f',{_ns(value)}' for value in times])},{more}]"
+    while times and times[-1] is None:
+        times = times[:-1]
+    return f"{text}{''.join([f',{_ns(value)}' for value in times])}]"
 
 
 def _ns(value: int | None) -> str:
@@ -156,14 +177,15 @@ def _columns(
     since_ns: int | None = None,
     onset_ns: int | None = None,
     settled: int | None = None,
+    more: Json | None = None,
 ) -> Held:
     """Return the columns of an entry as it is in the text."""
-    return positive, source, time_ns, expires_ns, since_ns, onset_ns, settled
+    text = None if more is None else to_json(more)
+    return positive, source, time_ns, expires_ns, since_ns, onset_ns, settled, text
 
 
 def _entry(row: list[Any]) -> Entry:
-    _, _, _, *rest = row
-    return Entry(_literal(row), *rest)
+    return entry_of(_literal(row), *row[3:])
 
 
 def _literal(row: list[Any]) -> Literal:

@@ -12,9 +12,11 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
+from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.store.records import Json
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading
 
 _COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 _CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=True)
@@ -146,3 +148,23 @@ def atom_from_text(text: str) -> Atom:
     """Return the atom of a JSON array."""
     predicate, *arguments = json.loads(text)
     return Atom(predicate, tuple(arguments))
+
+
+def more_of(entry: Entry) -> str | None:
+    """Return what only some entries of OBS have, as JSON: `r`, the reading."""
+    return None if entry.reading is None else _COMPACT.encode({"r": entry.reading.as_json()})
+
+
+def entry_of(
+    literal: Literal,
+    source: str,
+    time_ns: int,
+    expires_ns: int | None = None,
+    since_ns: int | None = None,
+    onset_ns: int | None = None,
+    settled: int | None = None,
+    more: Mapping[str, Any] | None = None,
+) -> Entry:
+    """Return an entry of OBS from its columns."""
+    reading = None if more is None else Reading.from_json(more["r"])
+    return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading)

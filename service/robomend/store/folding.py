@@ -26,7 +26,16 @@ from robomend.entry import Entry
 from robomend.store import schema
 from robomend.store.batch_text import held_of
 from robomend.store.driver import DriverConnection
-from robomend.store.encoding import INT64, atom_from_text, atom_to_text, checked, checked_ns
+from robomend.store.encoding import (
+    INT64,
+    atom_from_text,
+    atom_to_text,
+    checked,
+    checked_ns,
+    entry_of,
+    from_json,
+    more_of,
+)
 from robomend.store.prepared import Prepared
 from robomend.store.records import StoredObs
 from robomend.store.rows import BATCHES, OBS, Row, upsert
@@ -107,7 +116,7 @@ def obs_row(robot: str, entry: Entry, revision: int) -> Row:
     for time_ns in times:
         if time_ns is not None and time_ns not in INT64:
             checked_ns(time_ns)
-    return (robot, atom_to_text(atom), positive, checked(entry.source), *times, revision)
+    return (robot, atom_to_text(atom), positive, checked(entry.source), *times, more_of(entry), revision)
 
 
 def revision(view: View, robot: str) -> int:
@@ -165,5 +174,6 @@ def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) ->
 
 
 def _entry(row: Row) -> Entry:
-    _, atom, positive, source, *times, _ = row
-    return Entry(Literal(atom_from_text(atom), bool(positive)), source, *times)
+    _, atom, positive, *columns, more, _ = row
+    columns.append(None if more is None else from_json(more))
+    return entry_of(Literal(atom_from_text(atom), bool(positive)), *columns)

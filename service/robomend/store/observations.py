@@ -95,7 +95,7 @@ def observe(
         took_ns=now_ns - accepted_ns,
         in_rows=large,
     )
-    event = told(revision, [str(entry.literal) for entry in changed], forgotten, accepted_ns)
+    event = told(revision, changed, forgotten, accepted_ns)
     tell = ((Kind.OBSERVATIONS, event),)
     waiting.log.append(Logged(OBSERVED, robot, revision, batch, None, None, tell))
     waiting.revised.add(robot)

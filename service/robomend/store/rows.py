@@ -30,6 +30,7 @@ OBS = (
     "since_ns",
     "onset_ns",
     "settled",
+    "more",
     "revision",
 )
 

@@ -34,7 +34,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0009"
+HEAD = "0010"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -152,6 +152,7 @@ obs = Table(
     _time("since_ns", nullable=True),
     _time("onset_ns", nullable=True),
     _time("settled", nullable=True),
+    _name("more"),  # what few entries have: encoding.more_of
     _time("revision"),  # the latest that the row has: batches of older ones do not change it any more
     sqlite_with_rowid=False,
 )

@@ -21,6 +21,24 @@ def test_an_observation_is_answered_with_the_diagnosis_of_it(say: Say, shared: S
     assert known["revision"] == known["diagnosis"]["revision"] == 3
 
 
+def test_what_was_measured_is_given_with_the_sentence_and_shown_by_status(
+    say: Say, shared: Shared, robot: str
+) -> None:
+    shared.robot(robot, policy="observe")
+    code, _, _ = say(
+        "observe", robot, "not ok(scan)", "ok(map)", "--reading", "0 of 10 Hz", "--reading", "9 Hz"
+    )
+    assert code == 0
+    assert "\nseen: not ok(scan): 0 of 10 Hz\n" in say("status", robot)[1]
+    assert "9 Hz" not in say("status", robot)[1]  # of what is good nobody asks
+    assert [
+        one["reading"]["text"] for one in answer(say("status", robot, "--format", "json"))["measured"]
+    ] == ["0 of 10 Hz"]
+    code, _, err = say("observe", robot, "not ok(scan)", "ok(map)", "--reading", "0 of 10 Hz")
+    assert code == 2
+    assert "1 readings for 2 sentences: give --reading once for each" in err
+
+
 def test_sentences_that_cannot_be_read_are_refused_with_the_place(
     say: Say, shared: Shared, robot: str
 ) -> None:

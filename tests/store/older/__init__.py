@@ -20,6 +20,9 @@ from contextlib import closing
 from pathlib import Path
 
 import psycopg
+from sqlalchemy import create_engine
+
+from robomend.store.migrations import upgrade
 
 HERE = Path(__file__).parent
 
@@ -32,11 +35,21 @@ CHANGES = {"0003": f"{EVIDENCE} UPDATE alembic_version SET version_num = '0003';
 BESIDE = {"0007": "0006", "0008": "0007"}
 """Versions of which only what they add is here -> what they add it to."""
 
+BROUGHT_UP = {"0009": "0008"}
+"""Versions whose databases are those of an earlier one, brought up to them by the migrations."""
+
 BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num = '0001';"
 
 
 def lay(url: str, version: str) -> None:
     """Put the database of that schema at the URL, which is an empty one."""
+    if version in BROUGHT_UP:
+        lay(url, BROUGHT_UP[version])
+        engine = create_engine(url)
+        with engine.begin() as connection:
+            upgrade(connection, BROUGHT_UP[version], version)
+        engine.dispose()
+        return
     left = version if (HERE / f"{version}.sqlite.sql").exists() else "0002"
     files = [left]
     while files[0] in BESIDE:

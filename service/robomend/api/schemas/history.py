@@ -11,6 +11,7 @@ from pydantic import Field, RootModel
 
 from robomend.api.schemas.base import Moment, Out, moment_of
 from robomend.api.schemas.diagnosis import FaultOut, ResultOut
+from robomend.api.schemas.observations import ReadingOut
 from robomend.api.schemas.repair_record import RepairOut
 
 
@@ -21,6 +22,7 @@ class ReportedLiteral(Out):
     source: str
     time_ns: int
     time: Moment = moment_of("time_ns")
+    reading: ReadingOut | None = Field(None, description="what was measured")
 
 
 class ReportedBatch(Out):

@@ -2,13 +2,79 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Annotated
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    GetPydanticSchema,
+    PlainValidator,
+    TypeAdapter,
+    WithJsonSchema,
+)
 from pydantic.dataclasses import dataclass
+from pydantic_core import core_schema
 
-from robomend.api.schemas.base import MAX_INT, Moment, Nanoseconds, Out, Sentence, moment_of
+from robomend.api.schemas.base import MAX_INT, In, Moment, Nanoseconds, Out, Sentence, moment_of
 from robomend.robots.batches import Batch
+from robomend_client.readings import MAX_TEXT, Reading, Symptom
+
+
+def _shown(text: str) -> str:
+    """Refuse what is too long or does not print, as in a name. Markup is text: who shows it escapes it."""
+    if len(text) > MAX_TEXT:
+        raise ValueError(f"a text of {len(text)} characters; {MAX_TEXT} are taken: cut it")
+    at = next((at for at, letter in enumerate(text) if not letter.isprintable()), None)
+    if at is not None:
+        raise ValueError(
+            f"character {at} is a control character ({text[at]!a}); put a space, or what it stands for"
+        )
+    return text
+
+
+def _measured(value: object) -> float | str:
+    """Return a value as it is; one fault, not one for each type that it might have been."""
+    if isinstance(value, str):
+        return _shown(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+        return float(value)
+    raise ValueError("a number or a text is wanted")
+
+
+Shown = Annotated[str, AfterValidator(_shown), Field(json_schema_extra={"maxLength": MAX_TEXT})]
+Measured = Annotated[
+    float | str,
+    PlainValidator(_measured),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string", "maxLength": MAX_TEXT}]}),
+]
+
+
+class ReadingBody(In):
+    """What was measured beside a literal, for people; no rule reads it."""
+
+    value: Measured = Field(
+        examples=["0 of 10 Hz for 2.1 s"], description=f"a number, or a text of {MAX_TEXT} characters at most"
+    )
+    unit: Shown = Field(default="", examples=["V"])
+    limit: Shown = Field(default="", examples=["at least 22"], description="what it is held against")
+    symptom: Annotated[Symptom, Field(strict=False)] | None = Field(
+        default=None, description="the kind of a bad verdict, by which remedies are chosen"
+    )
+
+    def reading(self) -> Reading:
+        return Reading(self.value, self.unit, self.limit, self.symptom)
+
+
+ReadingIn = Annotated[
+    Reading,
+    GetPydanticSchema(
+        lambda _, handler: core_schema.no_info_after_validator_function(
+            ReadingBody.reading, handler(ReadingBody)
+        )
+    ),
+]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
@@ -64,6 +130,12 @@ class ObservationsBody(Batch):
     settled: int | None = Field(
         default=None, ge=0, le=MAX_INT, strict=True, description="the `n` of the `settle` that this answers"
     )
+    readings: list[ReadingIn | None] = Field(
+        default_factory=list,
+        max_length=10_000,
+        description="for each observation what was measured; null: nothing",
+        json_schema_extra={"default": []},
+    )
 
 
 OBSERVATIONS = TypeAdapter(ObservationsBody)
@@ -93,6 +165,16 @@ class Ingested(Out):
     accepted: int
 
 
+class ReadingOut(Out):
+    """What was measured, and all of it as one text."""
+
+    value: float | str = Field(examples=[19.1])
+    unit: str = Field("", examples=["V"])
+    limit: str = Field("", examples=["at least 22"])
+    symptom: Symptom | None = None
+    text: str = Field(examples=["19.1 V, at least 22"])
+
+
 class ObservedLiteral(Out):
     """One literal of OBS."""
 
@@ -109,6 +191,7 @@ class ObservedLiteral(Out):
     confirmed: bool = Field(True, description="false: from before an act that may have changed it")
     fresh: bool = Field(description="false: it has outlived its lifetime and is unknown")
     used: bool = Field(description="false: no rule of the model mentions it")
+    reading: ReadingOut | None = Field(None, description="what was measured, in the newest report")
 
 
 class AssertionOut(Out):

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import Moment, Nanoseconds, Out, moment_of
+from robomend.api.schemas.observations import ReadingOut
 from robomend.repairs.states import RepairState, StepState
 
 
@@ -56,6 +57,7 @@ class SeenSymptom(Out):
     since: Moment | None = moment_of("since_ns")
     onset_ns: int | None
     onset: Moment | None = moment_of("onset_ns")
+    reading: ReadingOut | None = Field(default=None, description="what was measured")
 
 
 class Rival(Out):

@@ -76,6 +76,13 @@ def probes(robot: str, answer: tuple[str, ...], limit: int, url: str, key: str |
 @click.argument("sentences", nargs=-1, required=True, metavar="SENTENCE...")
 @click.option("--source", help="Who says so; by default the name of the key.")
 @click.option("--lifetime", type=click.FloatRange(min=0, min_open=True), help="Seconds; unknown after them.")
+@click.option(
+    "--reading",
+    "readings",
+    multiple=True,
+    metavar="TEXT",
+    help='What was measured, e.g. "19.1 V, at least 22"; once for each SENTENCE, in their order.',
+)
 @service_options("operator, or the robot's own")
 @format_option()
 def observe(
@@ -83,6 +90,7 @@ def observe(
     sentences: tuple[str, ...],
     source: str | None,
     lifetime: float | None,
+    readings: tuple[str, ...],
     url: str,
     key: str | None,
     format_: str,
@@ -91,8 +99,15 @@ def observe(
 
     A SENTENCE reads ok(scan), "not ok(scan)", "not on(hokuyo)", "running(mapper)": see docs/models.md.
     """
+    from robomend_client.readings import Reading
+
+    if readings and len(readings) != len(sentences):
+        raise click.UsageError(
+            f"{len(readings)} readings for {len(sentences)} sentences: give --reading once for each"
+        )
+    measured = [Reading(text) for text in readings] or None
     with asking(url, key, robot=robot) as client:
-        accepted = client.observe(robot, sentences, source=source, lifetime_s=lifetime)
+        accepted = client.observe(robot, sentences, source=source, lifetime_s=lifetime, readings=measured)
         current = _diagnosed(client, robot, accepted["revision"])
     if format_ == "json":
         click.echo(json.dumps({**accepted, "diagnosis": current}, ensure_ascii=False))

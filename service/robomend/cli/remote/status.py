@@ -21,6 +21,9 @@ ILL = 1
 SHOWN = 5
 """Diagnoses of one robot; of more the number is told."""
 
+MEASURED = 10
+"""Readings of what does not hold; of more the number is told."""
+
 STATES = ("healthy", "unhealthy", "partly-unknown", "unknown", "waiting")
 
 
@@ -112,12 +115,18 @@ def _one(client: Client, robot: str) -> dict[str, Any]:
     value = client.robot(robot).value
     diagnosis = client.diagnosis(robot)
     repairs = client.repairs(robot, limit=1)["items"]
+    seen = client.observations(robot)["observations"]
     return {
         "robot": value,
         "diagnosis": diagnosis,
+        "measured": [one for one in seen if one["fresh"] and one.get("reading") and _negative(one)],
         "repair": repairs[0] if repairs else None,
         "stop": client.stopped(),
     }
+
+
+def _negative(one: Mapping[str, Any]) -> bool:
+    return str(one["literal"]).startswith("not ")
 
 
 def _told(known: Mapping[str, Any]) -> Iterator[str]:
@@ -129,6 +138,10 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         yield stopped(stop)
     if robot["unknown"]:
         yield f"not known: {', '.join(robot['unknown'])}"
+    for one in known["measured"][:MEASURED]:
+        yield f"seen: {one['literal']}: {one['reading']['text']}"
+    if len(known["measured"]) > MEASURED:
+        yield f"and {len(known['measured']) - MEASURED} more"
     if diagnosis["fault"] is not None:
         yield f"no diagnosis: {diagnosis['fault']['detail']}"
     elif diagnosis["result"] is not None:

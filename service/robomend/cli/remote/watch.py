@@ -121,7 +121,9 @@ def _observations(data: Mapping[str, Any]) -> str | None:
     changed, forgotten = data.get("changed", ()), data.get("forgotten", ())
     if not changed and not forgotten:
         return None
-    words = [f"observed {some(changed)}"] if changed else []
+    readings = data.get("readings", {})
+    seen = [f"{one} ({readings[one]['text']})" if one in readings else one for one in changed]
+    words = [f"observed {some(seen)}"] if changed else []
     words += [f"unknown now: {some(forgotten)}"] if forgotten else []
     return "; ".join(words)
 
