@@ -7,6 +7,9 @@ and their transitions.
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,6 +37,7 @@ class MedkitGateway:
 
     def __init__(self) -> None:
         self.port = 0
+        self.nodes: dict[str, str] = {}  # id -> the node that it is, as x-medkit says
         self.apps = ["lidar_driver", "motor_controller"]
         self.faults: list[Any] = []
         self.events: list[tuple[str, bytes]] = []  # name and data
@@ -99,12 +103,18 @@ class _Handler(BaseHTTPRequestHandler):
             self._items(self.medkit.faults)
         elif path in ("/apps", "/components"):
             names = self.medkit.apps if path == "/apps" else ["host"]
-            self._items([{"id": name, "name": name, "href": f"/api/v1{path}/{name}"} for name in names])
+            self._items([self._entity(path, name) for name in names])
         elif path.endswith("/status") and (states := self.medkit.states.get(path[1 : -len("/status")])):
             state = states.pop(0) if len(states) > 1 else states[0]
             self._send(200, json.dumps({"status": state, "restart": f"/api/v1{path}/restart"}).encode())
         else:
             self._send(404, b"{}")
+
+    def _entity(self, path: str, name: str) -> dict[str, Any]:
+        found: dict[str, Any] = {"id": name, "name": name, "href": f"/api/v1{path}/{name}"}
+        if name in self.medkit.nodes:
+            found["x-medkit"] = {"is_online": True, "ros2": {"node": self.medkit.nodes[name]}}
+        return found
 
     def do_PUT(self) -> None:
         path = self._asked(self.headers.get("Authorization"))
@@ -148,6 +158,31 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
+class FreezableGateway:
+    """A gateway as a process of its own."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        assert process.stdout is not None
+        self.url = process.stdout.readline().strip()
+
+    def halt(self) -> None:
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self._process.send_signal(signal.SIGCONT)
+
+
+@contextmanager
+def freezable_gateway() -> Iterator[FreezableGateway]:
+    process = subprocess.Popen([sys.executable, __file__], stdout=subprocess.PIPE, text=True)
+    try:
+        yield FreezableGateway(process)
+    finally:
+        process.kill()
+        process.wait()
+
+
 @contextmanager
 def medkit_gateway() -> Iterator[MedkitGateway]:
     found = MedkitGateway()
@@ -156,3 +191,10 @@ def medkit_gateway() -> Iterator[MedkitGateway]:
         yield found
     finally:
         found.down()
+
+
+if __name__ == "__main__":
+    with medkit_gateway() as by_itself:
+        sys.stdout.write(f"{by_itself.url}\n")
+        sys.stdout.flush()
+        signal.pause()

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from robomend_client.agent import broker as broker_module
 from robomend_client.agent.broker import MOST_CLIENTS, Broker, Tap
 from robomend_client.bus import LONGEST_LINE, Bus, BusGone, parse_address
+from robomend_client.observers import Sight
 
 Heard = list[tuple[str, object]]
 
@@ -192,7 +193,8 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
     async def test() -> None:
         heard: Heard = []
         address = f"unix:{tmp_path}/bus"
-        tap = Tap(address, ["scan"], lambda message: heard.append((message.topic, message.data)))
+        seen: list[Sight] = []
+        tap = Tap(address, ["scan"], lambda message: heard.append((message.topic, message.data)), seen.append)
         listening = asyncio.create_task(tap.run())
         for number in range(2):
             broker = Broker(address, lambda message: None)
@@ -201,6 +203,8 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
             talker = await connect(broker)
             talker.publish("scan", number)
             await until(lambda number=number: ("scan", number) in heard)  # type: ignore[misc]  # as above
+            assert seen[0] is Sight.LOST
+            assert seen[-1] is Sight.BACK
             talker.close()
             await broker.close()
         listening.cancel()

@@ -145,7 +145,8 @@ def test_a_feed_reads_its_own_section_and_hears_what_is_wanted(
 ) -> None:
     monkeypatch.setitem(FEEDS.built_in, "tin_can", "tests.clients.tin_can:TinCan")
     observers = "  a: {kind: general, from: tin_can}\n  p: {kind: property, source: 'host:Mem', high: 1}"
-    (feed,) = load(written(tmp_path, observers, "tin_can: {string_m: 5}")).feeds
+    ((feed, sources),) = load(written(tmp_path, observers, "tin_can: {string_m: 5}")).feeds
+    assert sources == {"a"}
     assert (feed.string_m, feed.sources) == (5, {"a"})  # type: ignore[attr-defined]  # TinCan's
     with pytest.raises(ConfigError, match=r"tin_can.string: is no key here; did you mean string_m"):
         load(written(tmp_path, observers, "tin_can: {string: 5}"))

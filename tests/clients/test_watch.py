@@ -98,9 +98,8 @@ def test_what_has_come_by_now_is_taken_in_before_anything_is_judged(monkeypatch:
         wall_ns[0] += SECOND // 10
 
     # Silence is due before the next sample is read: it was there before that.
-    watch = Watch(
-        [GeneralObserver("scan", Rate(10, silence_s=0.105))], Clock(), changes.extend, readers=[Waiting()]
-    )
+    watch = Watch([GeneralObserver("scan", Rate(10, silence_s=0.105))], Clock(), changes.extend)
+    watch.read(Waiting(), ["scan"])
     monkeypatch.setattr(asyncio, "sleep", passing)
     with suppress(asyncio.CancelledError):
         asyncio.run(watch.run())
@@ -123,7 +122,9 @@ def test_a_feed_that_cannot_be_read_is_told_once_and_the_others_are_read_on(
             raise ZeroDivisionError("mine")
 
     broken, good = Broken(), Reading()
-    watch = Watch([GeneralObserver("scan")], Clock(), lambda changes: None, readers=[broken, good])
+    watch = Watch([GeneralObserver("scan")], Clock(), lambda changes: None)
+    watch.read(broken, ["scan"])
+    watch.read(good, [])
     for n in range(3):
         watch.settle(n, ())
     assert (broken.reads, good.reads) == (1, 3)

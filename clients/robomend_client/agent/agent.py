@@ -12,7 +12,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
 from typing import Any
@@ -34,7 +34,7 @@ from robomend_client.agent.watch import Watch
 from robomend_client.beats import until_beat_s
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
-from robomend_client.observers import PROCESSES, Change
+from robomend_client.observers import PROCESSES, Change, Sight
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
@@ -76,7 +76,7 @@ class Agent:
             )
             orders = await stack.enter_async_context(AsyncClient(service.url, key, timeout_s=10.0))
             clock = Clock()
-            bridges = [feed for feed in config.feeds if isinstance(feed, Bridge)]
+            bridges = [feed for feed, _ in config.feeds if isinstance(feed, Bridge)]
 
             def on_changes(changes: Sequence[Change]) -> None:
                 reporter.report(changes)
@@ -89,8 +89,10 @@ class Agent:
                 on_changes,
                 config.lenient,
                 config.recording,
-                [feed for feed in config.feeds if isinstance(feed, Reads)],
             )
+            for feed, sources in config.feeds:
+                if isinstance(feed, Reads):
+                    watch.read(feed, sources)
             stack.callback(watch.close)
             reporter = VerdictReporter(
                 AsyncOutbox(reports, config.robot, buffer),
@@ -156,7 +158,7 @@ class Agent:
             "planted faults": planted.run(),
         }
         tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
-        tasks += [asyncio.create_task(_fed(feed, watch)) for feed in self.config.feeds]
+        tasks += [asyncio.create_task(_fed(feed, sources, watch)) for feed, sources in self.config.feeds]
         self.ready.set()
         log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
         await _until(self._stop, tasks)
@@ -188,13 +190,15 @@ class Agent:
 
     async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> TopicFaults | None:
         """Listen to the bus; return what a drill may do to it, where it is ours."""
-        samples = Samples(self.config.sources(own=False), watch.sample, self._missing_field)
+        sources = self.config.sources(own=False)
+        samples = Samples(sources, watch.sample, self._missing_field)
 
         def on_message(message: TopicMessage) -> None:
             samples.message(message.topic, message.data, message.time_ns, message.fields)
 
         if self.config.joins_bus:
-            tap = Tap(self.config.bus, list(samples.topics), on_message)
+            tap = Tap(self.config.bus, list(samples.topics), on_message, partial(watch.look, sources))
+            watch.read(tap, sources)
             task = asyncio.create_task(tap.run(), name="bus")
             stack.push_async_callback(end, [task])
             return None
@@ -214,12 +218,13 @@ async def _is_stopped(client: AsyncClient) -> bool:
     return (await client.stopped())["active"]
 
 
-async def _fed(feed: Feed, watch: Watch) -> None:
-    """Run a feed; one that fails leaves the agent as it is, and what it fed turns unknown."""
+async def _fed(feed: Feed, sources: Collection[str], watch: Watch) -> None:
+    """Run a feed; one that ends leaves the agent as it is, and what it fed turns unknown."""
     try:
         await feed.run(watch.sample)
     except Exception:  # a feed may be anybody's
         log.exception("the feed %s failed", type(feed).__name__)
+    watch.look(sources, Sight.LOST)
 
 
 async def _until(stop: asyncio.Event, tasks: list[asyncio.Task[None]]) -> None:

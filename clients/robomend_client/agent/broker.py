@@ -16,13 +16,15 @@ import logging
 import os
 import socket
 import struct
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from robomend_client.bus import LONGEST_LINE, parse_address
-from robomend_client.python310 import timeout
+from robomend_client.observers import Sight
+from robomend_client.python310 import end, timeout
 
 log = logging.getLogger(__name__)
 
@@ -62,6 +64,17 @@ OnMessage = Callable[[TopicMessage], None]
 
 MOST_TOLD = 1000
 
+BEAT_S = 0.05
+"""How often a subscriber that asks for beats is told that we are at work; whoever is halted tells nobody."""
+
+DEAF_S = 0.15
+"""A bus that gives beats and has said nothing for so long is not heard: no silence of its topics."""
+
+NO_BEATS_S = 1.0
+"""A bus that has given no beat by then gives none."""
+
+BEAT = b'{"beat": true}\n'
+
 Diversion = Callable[[TopicMessage, bytes], None]
 """Takes a message, and the line that it came in, in place of observers and subscribers."""
 
@@ -79,6 +92,8 @@ class Broker:
         self._server: asyncio.Server | None = None
         self._closing = False
         self._told: set[str] = set()  # places of clients that spoke otherwise
+        self._beats: set[_Peer] = set()  # who asks for them
+        self._beating: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
         """Listen.
@@ -110,6 +125,8 @@ class Broker:
         if self._server is None:
             return
         self._closing = True
+        if self._beating is not None:
+            await end([self._beating])
         loop = asyncio.get_running_loop()
         for listening in self._server.sockets:
             loop.remove_reader(listening.fileno())
@@ -137,10 +154,24 @@ class Broker:
 
     def left(self, peer: _Peer) -> None:
         self._peers.discard(peer)
+        self._beats.discard(peer)
         for topic in peer.topics:
             self._subscribers[topic].discard(peer)
             if not self._subscribers[topic]:
                 del self._subscribers[topic]
+
+    def beat(self, peer: _Peer) -> None:
+        """Tell a subscriber again and again that we are at work."""
+        self._beats.add(peer)
+        if self._beating is None:
+            self._beating = asyncio.create_task(self._beat(), name="beats of the bus")
+
+    async def _beat(self) -> None:
+        while True:
+            for peer in self._beats:
+                if peer.transport.get_write_buffer_size() < MOST_WAITING:
+                    peer.transport.write(BEAT)
+            await asyncio.sleep(BEAT_S)
 
     def rubbish(self, place: str, why: str) -> None:
         """A client does not speak as the bus does, and is disconnected: told once for each place."""
@@ -228,6 +259,8 @@ class _Peer(asyncio.Protocol):
             case {"subscribe": [*topics]} if all(isinstance(topic, str) for topic in topics):
                 for topic in topics:
                     self._broker.subscribe(self, topic)
+                if read.get("beat") is True:
+                    self._broker.beat(self)
             case _:
                 raise ValueError(f"not a line of the bus: {line[:80]!r}")
 
@@ -235,21 +268,40 @@ class _Peer(asyncio.Protocol):
 class Tap:
     """Listens in on the bus of another agent, and comes back when it was lost."""
 
-    def __init__(self, address: str, topics: list[str], on_message: OnMessage) -> None:
+    def __init__(
+        self, address: str, topics: list[str], on_message: OnMessage, on_sight: Callable[[Sight], None]
+    ) -> None:
+        """`on_sight` is told when the bus is heard no more, and when it is again."""
         self.address = address
         self._topics = topics
         self._on_message = on_message
+        self._on_sight = on_sight
+        self._heard_s: float | None = None  # the newest line of a bus that gives beats
+        self._hears: bool | None = None
 
     async def run(self) -> None:
         wait_s = 0.1
         while True:
+            self._see(False)
             try:
                 await self._listen()
                 wait_s = 0.1
             except (OSError, ValueError, TimeoutError) as error:
                 log.warning("the bus at %s: %s; trying again", self.address, error)
                 wait_s = min(2.0, wait_s * 2)
+            self._heard_s = None
+            self._see(False)
             await asyncio.sleep(wait_s)
+
+    def read_now(self) -> None:
+        """See that nothing comes any more, also no beat: called each beat, and before anything is judged."""
+        if self._heard_s is not None and time.monotonic() - self._heard_s > DEAF_S:
+            self._see(False)
+
+    def _see(self, hears: bool) -> None:
+        if hears is not self._hears:
+            self._hears = hears
+            self._on_sight(Sight.BACK if hears else Sight.LOST)
 
     async def _listen(self) -> None:
         where = parse_address(self.address)
@@ -260,10 +312,24 @@ class Tap:
         )
         async with timeout(5.0):
             reader, writer = await opening
+        # An agent of before knows no beats; a connection alone shows only that its system takes it.
+        no_beats = asyncio.get_running_loop().call_later(NO_BEATS_S, self._see, True)
         try:
-            writer.write(json.dumps({"subscribe": self._topics}).encode() + b"\n")
+            writer.write(json.dumps({"subscribe": self._topics, "beat": True}).encode() + b"\n")
             async for line in reader:
-                if message := read_message(json.loads(line)):
-                    self._on_message(message)
+                no_beats.cancel()
+                read = json.loads(line)
+                now_s = time.monotonic()
+                if isinstance(read, dict) and "beat" in read and "topic" not in read:
+                    # One that was halted hands on at once what waited, which is no rate, and a late beat.
+                    late = self._heard_s is not None and now_s - self._heard_s > DEAF_S
+                    self._heard_s = now_s
+                    self._see(not late)
+                elif message := read_message(read):
+                    if self._heard_s is None:
+                        self._see(True)
+                    if self._hears:
+                        self._on_message(message)
         finally:
+            no_beats.cancel()
             writer.close()

@@ -153,7 +153,7 @@ class AgentConfig:
     topics: tuple[tuple[str, Rate], ...]
     observers: tuple[ObserverSpec, ...]  # those of topics and processes, too
     lenient: frozenset[Atom]
-    feeds: tuple[Feed, ...]
+    feeds: tuple[tuple[Feed, frozenset[str]], ...]  # each with the sources that it feeds
     recording: tuple[Path, int] | None
     processes: tuple[ProcessSpec, ...]
     actions: tuple[ActionSpec, ...]
@@ -289,7 +289,9 @@ def _nodes(names: tuple[str, ...]) -> ObserverSpec:
     return observer_spec("processes", "node", BUS, lambda: NodeObserver(names))
 
 
-def _feeds(top: Section, base: Path, observers: Iterable[ObserverSpec]) -> tuple[Feed, ...]:
+def _feeds(
+    top: Section, base: Path, observers: Iterable[ObserverSpec]
+) -> tuple[tuple[Feed, frozenset[str]], ...]:
     """Return the feeds that observers want beside the bus, each with its section of the file read."""
     wanted: dict[str, set[str]] = {}
     origins: dict[str, str] = {}
@@ -315,7 +317,7 @@ def _feeds(top: Section, base: Path, observers: Iterable[ObserverSpec]) -> tuple
                 raise top.error(origin, str(error.args[0])) from error
             raise _section_of(top, name).error("from", str(error.args[0])) from error
         section = top.section(origin)
-        feeds.append(feed(section, base, frozenset(sources)))
+        feeds.append((feed(section, base, frozenset(sources)), frozenset(sources)))
         section.finish()
     return tuple(feeds)
 

@@ -23,7 +23,7 @@ from robomend_client.agent.feeds import Reads
 from robomend_client.beats import BEAT_NS
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
-from robomend_client.observers import SECOND, Change, Driver, Observer, Verdict, ns
+from robomend_client.observers import SECOND, Change, Driver, Observer, Sight, Verdict, ns
 from robomend_client.observers.recording import Recording
 
 log = logging.getLogger(__name__)
@@ -45,11 +45,9 @@ class Watch:
         on_changes: Callable[[Sequence[Change]], None],
         lenient: Collection[Atom] = (),
         recording: tuple[Path, int] | None = None,
-        readers: Iterable[Reads] = (),
     ) -> None:
         """
         Args:
-            readers: feeds that have what came by now delivered before anything is judged.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
 
         Raises:
@@ -57,12 +55,21 @@ class Watch:
         """
         self._clock = clock
         self._on_changes = on_changes
-        self._readers = tuple(readers)
+        self._readers: dict[Reads, frozenset[str]] = {}
         self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
         began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
         self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
         self._looked = (start_ns, began)
+
+    def read(self, reader: Reads, sources: Collection[str]) -> None:
+        """Have a feed deliver what came by now before anything is judged; `sources` are what it feeds."""
+        self._readers[reader] = frozenset(sources)
+
+    def look(self, sources: Iterable[str], sight: Sight) -> None:
+        """A feed has stopped looking at these sources, or looks at them again."""
+        for source in sources:
+            self.sample(source, sight)
 
     def sample(self, source: str, value: object = None, time_ns: int | None = None) -> None:
         """A feeder has something; `time_ns` is its own stamp, if it has one."""
@@ -107,12 +114,13 @@ class Watch:
         if not self._readers:
             return
         gathered = self._gathered = []
-        for reader in self._readers:
+        for reader, sources in tuple(self._readers.items()):
             try:
                 reader.read_now()
             except Exception:  # a feed may be anybody's
                 log.exception("the feed %s failed, and is not read any more", type(reader).__name__)
-                self._readers = tuple(other for other in self._readers if other is not reader)
+                del self._readers[reader]
+                self.look(sources, Sight.LOST)
         self._gathered = None
         now_ns = self._look()
         gathered.sort(key=itemgetter(0))

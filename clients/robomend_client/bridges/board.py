@@ -11,9 +11,15 @@ from robomend_client.agent.feeds import AgentParts, Deliver
 from robomend_client.bridges.fields import MissingField
 from robomend_client.bridges.measured import is_board, measured, row_of
 from robomend_client.bridges.problems import Problems
-from robomend_client.observers import BOARD, Change
+from robomend_client.observers import BOARD, Change, Sight
+from robomend_client.python310 import end
+from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
+from robomend_client.rest.types import Board
 from robomend_client.yaml_reader import Section
+
+LATE_S = 1.0
+"""A service that has not answered by then is not looked at."""
 
 
 class ServiceBoard:
@@ -29,6 +35,7 @@ class ServiceBoard:
         self.problems = Problems("the board")
         self._sources = tuple(sorted(sources))
         self._parts: AgentParts | None = None
+        self._sees: bool | None = None
         self._handed_on: tuple[int, bool] | None = None
 
     def attach(self, parts: AgentParts) -> None:
@@ -43,13 +50,33 @@ class ServiceBoard:
         client, robot = self._parts.client, self._parts.robot
         while True:
             try:
-                board = await client.board(robot)
+                board = await self._answer(client, robot, deliver)
             except ClientError as error:
                 self.problems.tell("the service", f"it does not say what is measured: {error}"[:200])
+                self._see(False, deliver)
             else:
                 self.problems.over("the service")
+                self._see(True, deliver)
                 self._hand_on(board["time_ns"], board["channels"], deliver)
             await asyncio.sleep(1 / self.rate_hz)
+
+    async def _answer(self, client: AsyncClient, robot: str, deliver: Deliver) -> Board:
+        """Ask the service; while it takes long to answer, nobody looks."""
+        task = asyncio.create_task(client.board(robot))
+        try:
+            await asyncio.wait({task}, timeout=LATE_S)
+            if not task.done():
+                self._see(False, deliver)
+            return await task
+        finally:
+            await end([task])
+
+    def _see(self, sees: bool, deliver: Deliver) -> None:
+        """Tell observers whether the board is looked at."""
+        if sees is not self._sees:
+            self._sees = sees
+            for source in self._sources:
+                deliver(source, Sight.BACK if sees else Sight.LOST, None)
 
     def _hand_on(self, time_ns: int, channels: Sequence[Mapping[str, Any]], deliver: Deliver) -> None:
         """Deliver a measurement that is new."""
@@ -59,8 +86,7 @@ class ServiceBoard:
         self._handed_on = time_ns, bool(rows)
         for source in self._sources:
             if not rows:
-                if source == BOARD:
-                    deliver(source, None, None)
+                deliver(source, None if source == BOARD else Sight.LOST, None)
                 continue
             try:
                 value = measured(source, rows)

@@ -18,7 +18,16 @@ property.py            PObs: ok(CPU,node), a number in its band; filters.py
 reading.py             the base of observers that judge one reading at a time, of your own too; judgement.py
 """
 
-from robomend_client.observers.base import SECOND, Evidence, NoNumber, Observer, Verdict, ns, number
+from robomend_client.observers.base import (
+    SECOND,
+    Evidence,
+    NoNumber,
+    Observer,
+    Sight,
+    Verdict,
+    ns,
+    number,
+)
 from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
 from robomend_client.observers.combining import Change
 from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
@@ -63,6 +72,7 @@ __all__ = [
     "Rate",
     "ReadingObserver",
     "Readings",
+    "Sight",
     "Table",
     "Trend",
     "Verdict",

@@ -9,7 +9,8 @@ no threads.
 
 So the same observer runs on a robot (fed by the agent), in a bridge (fed by ROS) and over a log (fed from a
 bag, with the bag's times). Who feeds and asks it, in which order, is the Driver's business: see driver.py.
-Times are integer nanoseconds of one clock; an observer never asks for the time itself.
+Times are integer nanoseconds of one clock; an observer never asks for the time itself. That nobody looks at
+a source is the driver's business, too: an observer is reset when somebody does again.
 
 A verdict is a literal with `since`, the beginning of the span that it rests on:
 
@@ -37,6 +38,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable
+from enum import Enum
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -51,6 +53,16 @@ NOTHING: tuple[Literal, ...] = ()
 def ns(seconds: float) -> int:
     """Return seconds as integer nanoseconds."""
     return round(seconds * SECOND)
+
+
+class Sight(Enum):
+    """Delivered in place of a sample: whether anybody looks at its source.
+
+    What does not come while nobody looks is no silence. Observers of the source judge anew.
+    """
+
+    LOST = "lost"  # nobody looks from now on, until BACK or the next sample
+    BACK = "back"  # somebody looks from now on; without LOST before it: nobody did, until now
 
 
 class Evidence(NamedTuple):

@@ -16,7 +16,10 @@ times. The rules that make it so:
 - Time that nobody looked at (`lapse`: the computer slept, the agent was starved, the clock was set) is not
   silence of the robot. Observers that cannot bear it begin anew; what they said last stands until they have
   judged again, with its old evidence, at most for their settling time. Where lapses keep them from judging
-  again and again, that time counts on, up to three times as long; then their atoms are unknown.
+  again and again, that time counts on, up to three times as long; then their atoms are unknown. After a
+  lapse of three settling times they are unknown at once.
+- So it is with what a feed did not look at (`Sight`): only that source's observers judge anew. While nobody
+  looks (LOST) none of them is asked, and after a second their atoms are unknown.
 - In a log, a jump of time of more than JUMP_NS is believed once the next sample confirms it: a stamp from the
   future alone is left out and counted. Back, it means that the log begins again, or the simulation: all
   observers start anew. Live, stamps that are far from the clock are left out and counted.
@@ -39,7 +42,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND, NoNumber, Observer, Verdict, WrongKind
+from robomend_client.observers.base import SECOND, NoNumber, Observer, Sight, Verdict, WrongKind
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
@@ -125,6 +128,8 @@ class Driver:
             route = self._routes[source]
         except KeyError:
             return ()
+        if type(value) is Sight:
+            return self.look(source, value, time_ns if now_ns is None else now_ns)
         if now_ns is None:
             now_ns = self.now_ns
             ahead_ns = time_ns - now_ns
@@ -151,8 +156,10 @@ class Driver:
             time_ns = route.newest_ns  # overtaken within its source
         if self._listener is not None:
             self._listener.sample(source, time_ns, value, now_ns)
+        if route.lost_ns is not None and time_ns >= route.lost_ns:
+            changes = [*changes, *self._looked(route, source, Sight.BACK)]
         for state in route.states:
-            if time_ns < state.floor_ns:
+            if time_ns < state.floor_ns or state.blind:
                 continue  # from before the reset: what it tells is not young enough
             try:
                 state.feed(source, time_ns, value)
@@ -245,6 +252,16 @@ class Driver:
                 self._ticks.schedule(state, after(until_ns, GRID_NS))
         return self._combined.changes(touched, self.now_ns)
 
+    def look(self, source: str, sight: Sight, now_ns: int) -> Sequence[Change]:
+        """Say that nobody looks at a source from now on, or that somebody does again."""
+        route = self._routes.get(source)
+        if route is None or (sight is Sight.LOST and route.lost_ns is not None):
+            return ()
+        changes = self.advance(now_ns)
+        if self._listener is not None:
+            self._listener.sight(self.now_ns, source, sight)
+        return [*changes, *self._looked(route, source, sight)]
+
     def restart(self, now_ns: int) -> Sequence[Change]:
         """Begin anew at another time, before or after: all that was known is unknown from now on."""
         if self._listener is not None:
@@ -294,6 +311,19 @@ class Driver:
             changes += self.restart(time_ns)
         return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
 
+    def _looked(self, route: _Route, source: str, sight: Sight) -> Sequence[Change]:
+        """Have the observers of a source judge anew, once somebody looks at all that they need."""
+        touched: dict[Atom, None] = {}
+        route.lost_ns = self.now_ns if sight is Sight.LOST else None
+        for state in route.states:
+            if sight is Sight.LOST:
+                self._refresh(state)  # what stands until then stands on its newest evidence
+                state.blind.add(source)
+            else:
+                state.blind.discard(source)
+            self._reset(state, self.now_ns, touched, lapsed_ns=self.now_ns)
+        return self._combined.changes(touched, self.now_ns)
+
     # --- ticks ----------------------------------------------------------------------------------------
 
     def _run(self, until_ns: int) -> Sequence[Change]:
@@ -309,7 +339,7 @@ class Driver:
             if state is not None:
                 try:
                     if not state.waiting and (not state.fed or tick_ns % state.period_ns):
-                        due_ns = state.due_ns()
+                        due_ns = None if state.blind else state.due_ns()
                         asked = due_ns is not None and due_ns <= tick_ns
                     else:
                         asked = True  # samples came, and this is a tick of its own grid
@@ -337,10 +367,10 @@ class Driver:
         """Ask one observer; note the atoms on which its word may have changed, and when to ask again."""
         state.fed = False
         try:
-            said = state.check(now_ns)
+            said = () if state.blind else state.check(now_ns)
             if said is not state.said or state.waiting:
                 state.take(said, now_ns, touched)
-            due_ns = state.due_ns()
+            due_ns = None if state.blind else state.due_ns()
         except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
             self._failed(state, error, touched)
             return
@@ -397,8 +427,9 @@ class Driver:
 class _Route:
     """Who wants the samples of one source, and how far it has come."""
 
-    __slots__ = ("newest_ns", "states")
+    __slots__ = ("lost_ns", "newest_ns", "states")
 
     def __init__(self) -> None:
         self.states: list[ObserverState] = []
+        self.lost_ns: int | None = None  # since when nobody looks
         self.newest_ns = -NEVER

@@ -68,8 +68,7 @@ class GeneralObserver:
         self.atoms = (Atom("ok", (topic,)),)
         self.period_ns = ns(expected.check_s)
         self.detection_s = expected.silence + expected.check_s
-        slowest_hz = max(expected.lowest_hz, expected.rate_hz / 2)
-        self.settling_s = max(expected.silence, (expected.intervals + 1) / slowest_hz) + expected.check_s
+        self.settling_s = expected.first_verdict_s + expected.check_s
         self._ok = (holds("ok", topic),)
         self._not_ok = (fails("ok", topic),)
         self._silence_ns = ns(expected.silence)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from robomend_client.literals import Atom
+from robomend_client.observers.base import Sight
 
 
 class Listener:
@@ -15,6 +16,9 @@ class Listener:
 
     def lapse(self, now_ns: int, until_ns: int) -> None:
         """Nobody looks until then."""
+
+    def sight(self, now_ns: int, source: str, sight: Sight) -> None:
+        """Nobody looks at a source any more, or somebody does again."""
 
     def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
         """Observers were told to judge anew."""

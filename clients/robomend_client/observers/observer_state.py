@@ -14,10 +14,15 @@ CHANCES = 3
 """Settling times in which an observer that is kept from judging by lapses is waited for."""
 
 
+BLIND_NS = 1_000_000_000
+"""So long, at most, what was said last stands while nobody looks: who is back soon is no news."""
+
+
 class ObserverState:
     """One observer in its driver."""
 
     __slots__ = (
+        "blind",
         "check",
         "due_after",
         "due_ns",
@@ -42,6 +47,7 @@ class ObserverState:
         self.due_after = observer.due_after if isinstance(observer, DueAgain) else None
         self.period_ns = observer.period_ns
         self.fed = False
+        self.blind: set[str] = set()  # its sources at which nobody looks
         self.tick_ns = NEVER
         self.floor_ns = -NEVER
         self.said: tuple[Literal, ...] | None = None  # the newest answer
@@ -71,9 +77,13 @@ class ObserverState:
             self.left_ns = CHANCES * settling_ns
         else:
             self.left_ns -= max(0, lapsed_ns - self.floor_ns)
+        if lapsed_ns is not None and time_ns - lapsed_ns >= CHANCES * settling_ns:
+            self.left_ns = 0  # nobody looked for too long: what was said last says nothing of now
         self.floor_ns = time_ns
+        self.fed = self.fed and not self.blind
         self.waiting = frozenset(self.observer.atoms)
-        self.patient_until_ns = time_ns + max(0, min(settling_ns, self.left_ns)) + GRID_NS
+        most_ns = min(settling_ns, BLIND_NS) if self.blind else settling_ns
+        self.patient_until_ns = time_ns + max(0, min(most_ns, self.left_ns)) + GRID_NS
         self.said = None
 
     def end_wait(self) -> None:
@@ -106,7 +116,7 @@ class ObserverState:
 
     def refresh(self, now_ns: int) -> None:
         """Bring the evidence of its verdicts up to date; the verdicts themselves wait for their tick."""
-        if not self.verdicts:
+        if not self.verdicts or self.blind:
             return
         for literal in self.check(now_ns):
             known = self.verdicts.get(literal.atom)

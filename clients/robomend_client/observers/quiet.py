@@ -42,6 +42,7 @@ def steady(
             not isinstance(observer, Steady)
             or len(observer.sources) > 1
             or state.waiting
+            or state.blind
             or state.said is None
             or int(times_ns[0]) < state.floor_ns
         ):

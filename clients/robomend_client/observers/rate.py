@@ -134,6 +134,18 @@ class Rate:
         return max(LEAST_SILENCE_S, (self.lost + 0.5) / self.rate_hz)
 
     @property
+    def first_verdict_s(self) -> float:
+        """From the beginning to a verdict of either sign, at most: a rate that is a little too slow needs
+        nearly a whole window until it cannot be that `lost` messages were lost.
+        """
+        slowest_s = (self.intervals + 1) * self.silence  # each interval just not a silence
+        intervals = self.messages - 1
+        if self.lowest_hz * self.silence <= 1:
+            return slowest_s  # what is too slow is a silence
+        doubt = 1 + self.lost / max(1, intervals - 1)
+        return max(slowest_s, (intervals + 1) / self.lowest_hz * doubt)
+
+    @property
     def held(self) -> int:
         """How many messages can have been held up, and come at once."""
         held_s = self.silence if self.held_s is None else self.held_s

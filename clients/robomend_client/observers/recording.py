@@ -4,6 +4,7 @@
     {"source": "scan", "time": 1764000000100000000}
     {"source": "odom:twist.twist.linear.x", "time": …, "at": …, "value": 0.31}
                                                       └ when it was taken in, if later
+    {"sight": "lost", "of": "scan", "at": …}
     {"lapse": …, "at": …}   {"settle": 7, "atoms": ["ok(scan)"], "at": …}   {"restart": …}   {"end": …}
 
 A recording has a bound; when it is full, it says so at its end and stays as it is.
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.literals import Atom
+from robomend_client.observers.base import Sight
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.listener import Listener
@@ -44,6 +46,9 @@ class Recording(Listener):
 
     def lapse(self, now_ns: int, until_ns: int) -> None:
         self._write({"lapse": until_ns, "at": now_ns})
+
+    def sight(self, now_ns: int, source: str, sight: Sight) -> None:
+        self._write({"sight": sight.value, "of": source, "at": now_ns})
 
     def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
         self._write({"settle": n, "atoms": [[atom.predicate, *atom.args] for atom in atoms], "at": now_ns})
@@ -115,6 +120,8 @@ def replay_line(driver: Driver, line: dict[str, Any]) -> Iterator[Change]:
         yield from driver.advance(at_ns)
     if "lapse" in line:
         yield from driver.lapse(line["lapse"])
+    elif "sight" in line:
+        yield from driver.look(line["of"], Sight(line["sight"]), line["at"])
     elif "settle" in line:
         atoms = [Atom(predicate, tuple(args)) for predicate, *args in line["atoms"]]
         yield from driver.settle(line["settle"], atoms)

@@ -12,6 +12,7 @@ from typing import Any
 from tests.waiting import eventually
 
 from robomend_client.agent.feeds import load_feed
+from robomend_client.observers import Sight
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import read
 
@@ -21,11 +22,19 @@ class Heard:
 
     def __init__(self) -> None:
         self.values: dict[str, list[Any]] = {}
+        self.sights: dict[str, list[Sight]] = {}
         self.log: list[str] = []
         self.task: asyncio.Task[None] | None = None
 
     def deliver(self, source: str, value: object, time_ns: int | None) -> None:
-        self.values.setdefault(source, []).append(value)
+        if isinstance(value, Sight):
+            self.sights.setdefault(source, []).append(value)
+        else:
+            self.values.setdefault(source, []).append(value)
+
+    def sees(self, source: str) -> bool:
+        """Return whether somebody looks at a source, as far as the bridge has said."""
+        return self.sights.get(source, [Sight.BACK])[-1] is Sight.BACK
 
     def count(self, source: str) -> int:
         return len(self.values.get(source, ()))

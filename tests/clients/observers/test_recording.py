@@ -18,6 +18,7 @@ from robomend_client.observers import (
     GeneralObserver,
     NodeObserver,
     Rate,
+    Sight,
     Table,
     ns,
 )
@@ -51,6 +52,8 @@ events = st.lists(
                 "wake",
                 "settle",
                 "lapse",
+                "lost",
+                "back",
                 "heartbeat",
             ]
         ),
@@ -83,6 +86,9 @@ def test_a_recording_replayed_gives_the_same_literals_at_the_same_times(
             live += driver.settle(n, [SCAN, Atom("running", ("n",))])
         elif what == "lapse":
             live += driver.lapse(now_ns)
+        elif what in ("lost", "back"):
+            source = ("scan", "odom", PROCESSES)[behind_ms % 3]
+            live += driver.sample(source, now_ns, Sight(what), now_ns)
         else:
             value = {"said": behind_ms % 3 > 0, PROCESSES: frozenset("n" * (behind_ms % 2))}.get(what)
             live += driver.sample(what, now_ns - behind_ms * 1_000_000, value, now_ns)

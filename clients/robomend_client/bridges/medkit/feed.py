@@ -3,8 +3,8 @@
 every poll_s   entities and faults ──┐
 stream         events ───────────────┴──► statuses, at once and every TABLE_S
 
-When the gateway does not answer, nothing is said any more: what observers hold of it is unknown when its
-lifetime is over.
+When the gateway does not answer, nobody looks, and observers are told so. Without the stream the faults are
+asked for every TABLE_S, so that what is said is never older than that.
 """
 
 from __future__ import annotations
@@ -12,13 +12,21 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
 from robomend_client.agent.feeds import Deliver
-from robomend_client.bridges.medkit.faults import BadFault, Faults, MedkitFault, read_fault
+from robomend_client.bridges.medkit.faults import (
+    BadFault,
+    Faults,
+    MedkitFault,
+    read_entities,
+    read_fault,
+)
 from robomend_client.bridges.medkit.gateway import Gateway, NoGateway
 from robomend_client.bridges.problems import Problems
+from robomend_client.observers import Sight
 from robomend_client.python310 import end
 from robomend_client.rest.sse import EventDecoder
 from robomend_client.yaml_reader import Section
@@ -40,13 +48,15 @@ class Medkit:
         section.explain(
             url="the gateway's, as far as /api/v1",
             token_env="the variable of the agent's environment that has the gateway's bearer token",
-            poll_s="how often entities and faults are asked for, in seconds; a stream says what happens",
+            poll_s="how often entities and faults are asked for, in seconds; the stream says what happens, "
+            "and without it faults are asked for every second",
         )
         self.url = section.text("url", "http://localhost:8080/api/v1")
         if not self.url.startswith(("http://", "https://")):
             raise section.error("url", f"must be like http://localhost:8080/api/v1, not {self.url!r}")
         self.token_env = section.optional("token_env")
         self.poll_s = section.number("poll_s", 5.0, least=0.1, most=3600)
+        self._sources = sources
         for source in sources - {DIAGNOSTICS}:
             raise section.error(
                 "url", f"the gateway has one source, {DIAGNOSTICS}; an observer wants {source!r}"
@@ -54,7 +64,8 @@ class Medkit:
         self.problems = Problems("ros2_medkit")
         self._faults = Faults()
         self._events = 0
-        self._known_s: float | None = None  # when the gateway has last answered
+        self._streams = False
+        self._sees: bool | None = None
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver until cancelled."""
@@ -69,22 +80,54 @@ class Medkit:
 
     async def _poll(self, gateway: Gateway, deliver: Deliver) -> None:
         """Ask for all there is, now and then; say it again and again meanwhile."""
+        entities_s = float("-inf")  # when they were asked for
         while True:
+            began_s = time.monotonic()
             try:
-                entities = [item for kind in ENTITIES for item in await gateway.items(f"/{kind}")]
-                found = await self._list(gateway)
+                if began_s - entities_s >= self.poll_s:
+                    entities = await self._answer(self._entities(gateway), deliver)
+                    entities_s = began_s
+                    self._faults.have(read_entities(entities))
+                found = await self._answer(self._list(gateway), deliver)
             except NoGateway as error:
-                self._known_s = None
+                entities_s = float("-inf")
+                self._see(False, deliver)
                 self.problems.tell("the gateway", str(error))
                 await asyncio.sleep(min(self.poll_s, AGAIN_S))
                 continue
             self.problems.over("the gateway")
-            self._faults.entities = frozenset(map(str, filter(None, map(_id, entities))))
             self._faults.stand(fault for item in found if (fault := self._read(item)))
-            self._known_s = time.monotonic()
-            while (left_s := self.poll_s - (time.monotonic() - self._known_s)) > 0:
-                self._deliver(deliver)
+            self._see(True, deliver)
+            self._deliver(deliver)
+            while (left_s := began_s + self._period_s - time.monotonic()) > 0:
                 await asyncio.sleep(min(left_s, TABLE_S))
+                if self._streams:
+                    self._deliver(deliver)
+
+    @property
+    def _period_s(self) -> float:
+        return self.poll_s if self._streams else min(self.poll_s, TABLE_S)
+
+    async def _answer(self, asking: Coroutine[Any, Any, list[Any]], deliver: Deliver) -> list[Any]:
+        """Wait for the gateway's answer; one that takes long to answer is not looked at meanwhile."""
+        task = asyncio.create_task(asking)
+        try:
+            await asyncio.wait({task}, timeout=TABLE_S)
+            if not task.done():
+                self._see(False, deliver)
+            return await task
+        finally:
+            await end([task])
+
+    async def _entities(self, gateway: Gateway) -> list[Any]:
+        return [item for kind in ENTITIES for item in await gateway.items(f"/{kind}")]
+
+    def _see(self, sees: bool, deliver: Deliver) -> None:
+        """Tell observers whether the gateway is looked at."""
+        if sees is not self._sees:
+            self._sees = sees
+            for source in self._sources:
+                deliver(source, Sight.BACK if sees else Sight.LOST, None)
 
     async def _list(self, gateway: Gateway) -> list[Any]:
         """Return the active faults, of a moment after which no event has come, if there is one."""
@@ -100,13 +143,17 @@ class Medkit:
         decoder = EventDecoder()
         while True:
             try:
-                async for event in gateway.stream("/faults/stream", decoder):
+                async for events in gateway.stream("/faults/stream", decoder):
+                    self._streams = True
                     self.problems.over("the stream")
-                    self._event(event.name, event.data)
-                    self._deliver(deliver)
+                    for event in events:
+                        self._event(event.name, event.data)
+                    if events:
+                        self._deliver(deliver)
             except NoGateway as error:
-                if self._known_s is not None:  # else it is told already
+                if self._sees:  # else it is told already
                     self.problems.tell("the stream", str(error))
+            self._streams = False
             await asyncio.sleep(AGAIN_S)
 
     def _event(self, name: str, text: str) -> None:
@@ -132,12 +179,8 @@ class Medkit:
             return None
 
     def _deliver(self, deliver: Deliver) -> None:
-        if self._known_s is None:
+        if not self._sees:
             return  # nobody knows what else there is
         for entity, code in self._faults.unknown().items():
             self.problems.tell(f"entity {entity}", f"has the fault {code}, and the gateway does not list it")
         deliver(DIAGNOSTICS, self._faults.statuses(), None)
-
-
-def _id(item: Any) -> object:
-    return item.get("id") if isinstance(item, dict) else None

@@ -72,8 +72,8 @@ class Gateway:
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise _unanswered(path, error) from error
 
-    async def stream(self, path: str, decoder: EventDecoder) -> AsyncIterator[ServerSentEvent]:
-        """Yield the events of a stream, from where the decoder is."""
+    async def stream(self, path: str, decoder: EventDecoder) -> AsyncIterator[list[ServerSentEvent]]:
+        """Yield the events of a stream, from where the decoder is; first of all, none: it is open."""
         headers = {"Accept": "text/event-stream"}
         if decoder.last_id:
             headers["Last-Event-ID"] = decoder.last_id
@@ -84,9 +84,9 @@ class Gateway:
                 kind = response.headers.get("content-type", "")
                 if response.status_code != 200 or not kind.startswith("text/event-stream"):
                     raise NoGateway(f"{path} is answered with {response.status_code}, {kind or 'no type'}")
+                yield []
                 async for data in response.aiter_bytes():
-                    for event in decoder.receive(data):
-                        yield event
+                    yield list(decoder.receive(data))
         except (httpx.HTTPError, httpx.InvalidURL, NotTheService) as error:
             raise _unanswered(path, error) from error
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.clients.bridges.hearing import Heard, hearing
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import eventually, service_double
-from tests.medkit_gateway import MedkitGateway, fault, medkit_gateway
+from tests.medkit_gateway import MedkitGateway, fault, freezable_gateway, medkit_gateway
 
 from robomend_client.actions import FAILED, OK, Action, ActionResult
 from robomend_client.agent.config import load
@@ -108,6 +108,89 @@ def test_a_gateway_that_goes_is_told_once_and_its_stream_goes_on_where_it_was(
     asyncio.run(test())
 
 
+def test_of_a_gateway_that_is_halted_nothing_is_known_and_nothing_said(tmp_path: Path) -> None:
+    """It takes connections, as its system does for it, and answers nothing."""
+    with freezable_gateway() as gateway:
+
+        async def test() -> None:
+            keys = f"url: {gateway.url}\npoll_s: 0.5"
+            async with hearing(tmp_path, "medkit", keys, "diagnostics") as heard:
+                await heard.until(
+                    lambda: heard.count("diagnostics") and heard.sees("diagnostics"), "statuses"
+                )
+                gateway.halt()
+                await heard.until(lambda: not heard.sees("diagnostics"), "nobody looks")
+                said = heard.count("diagnostics")
+                await heard.told("the gateway: /apps: no answer in time")
+                assert heard.count("diagnostics") == said
+                gateway.go_on()
+                await heard.until(lambda: heard.sees("diagnostics"), "somebody looks again")
+                await heard.more("diagnostics")
+
+        asyncio.run(test())
+
+
+def test_without_the_stream_a_fault_that_is_over_is_known_within_a_second_or_two(
+    gateway: MedkitGateway, tmp_path: Path
+) -> None:
+    """What is said each second must not be as old as the last list of everything."""
+    gateway.answers["/faults/stream"] = (503, b"{}")
+    gateway.faults = [LIDAR]
+
+    async def test() -> None:
+        async with hearing(tmp_path, "medkit", f"url: {gateway.url}\npoll_s: 3600", "diagnostics") as heard:
+            await heard.until(lambda: levels(heard).get("lidar_driver") == 2, "the fault")
+            gateway.faults = []
+            await heard.until(lambda: levels(heard)["lidar_driver"] == 0, "it is over")
+
+    asyncio.run(test())
+
+
+@pytest.mark.parametrize("told", ["ids", "nodes"])
+@pytest.mark.parametrize("stream", [True, False])
+def test_of_two_nodes_of_one_name_the_one_whose_fault_it_is_stays_bad(
+    told: str, stream: bool, gateway: MedkitGateway, tmp_path: Path
+) -> None:
+    nodes = {"/robot1/lidar_driver": "robot1_lidar_driver", "/robot2/lidar_driver": "robot2_lidar_driver"}
+    if told == "nodes":  # the ids say nothing
+        nodes = {"/robot1/lidar_driver": "front", "/robot2/lidar_driver": "lidar_driver"}
+        gateway.nodes = {entity: node for node, entity in nodes.items()}
+    gateway.apps = list(nodes.values())
+    one, other = nodes.values()
+    bad = fault("LIDAR_RANGE_INVALID", "/robot1/lidar_driver")
+
+    async def test() -> None:
+        async with hearing(tmp_path, "medkit", f"url: {gateway.url}\npoll_s: 0.2", "diagnostics") as heard:
+            await heard.until(lambda: heard.count("diagnostics"), "statuses")
+            gateway.faults = [bad]
+            if stream:
+                gateway.happens("fault_confirmed", bad, one)
+            await heard.until(lambda: levels(heard).get(one) == 2, "the fault")
+            for _ in range(5):  # lists that come after the event
+                await heard.more("diagnostics", 1)
+                assert (levels(heard)[one], levels(heard)[other]) == (2, 0)
+            assert set(levels(heard)) == {one, other, "host", f"{one}: LIDAR_RANGE_INVALID"}
+            assert heard.log == []
+
+    asyncio.run(test())
+
+
+def test_all_who_report_a_fault_are_bad_by_list_and_by_event(gateway: MedkitGateway, tmp_path: Path) -> None:
+    both = {**LIDAR, "reporting_sources": ["/sensors/lidar_driver", "/base/motor_controller"]}
+
+    async def test() -> None:
+        async with hearing(tmp_path, "medkit", f"url: {gateway.url}\npoll_s: 60", "diagnostics") as heard:
+            await heard.until(lambda: heard.count("diagnostics"), "statuses")
+            gateway.happens("fault_updated", both, "lidar_driver")
+            bad = {"lidar_driver": 2, "motor_controller": 2}
+            await heard.until(lambda: bad.items() <= levels(heard).items(), "both, by the event")
+        gateway.faults = [both]
+        async with hearing(tmp_path, "medkit", f"url: {gateway.url}\npoll_s: 60", "diagnostics") as heard:
+            await heard.until(lambda: bad.items() <= levels(heard).items(), "both, by the list")
+
+    asyncio.run(test())
+
+
 def test_garbage_is_told_with_its_place_and_the_rest_is_heard(gateway: MedkitGateway, tmp_path: Path) -> None:
     gateway.faults = [{"severity": "ERROR"}, 3, LIDAR, fault("LOST", "/nobody")]
     gateway.say("fault_confirmed", b"[1, 2")
@@ -146,7 +229,7 @@ def test_faults_reach_the_service_as_literals(gateway: MedkitGateway, tmp_path: 
 def test_faults_of_the_documentations_short_form_are_read() -> None:
     told = {"fault_code": "X", "severity": "CRITICAL", "message": "why", "source": "lidar_driver"}
     read = read_fault(told)
-    assert (read.level, read.message, read.entities, read.active) == (2, "why", ("lidar_driver",), True)
+    assert (read.level, read.message, read.sources, read.active) == (2, "why", ("lidar_driver",), True)
     assert not read_fault({**told, "status": "HEALED"}).active
     for bad in ({**told, "severity": 7}, {**told, "severity": True}, {**told, "source": [1]}, {}, None):
         with pytest.raises(BadFault):
