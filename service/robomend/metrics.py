@@ -60,14 +60,6 @@ class Metrics:
             "from the head of a request to the end of its answer, streams and long polls left out",
             ("route",),
         )
-        self.hold_s = self._spread(
-            "robomend_request_hold_seconds",
-            "the longest that a request held the event loop, in time of the processor",
-        )
-        self.hold_worst_s = Gauge(
-            "robomend_request_hold_worst_seconds", "of all requests since the start", registry=self.registry
-        )
-        self._worst_hold_s = 0.0
         self.loop_delay_s = self._spread(
             "robomend_loop_delay_seconds", "what the event loop took to come to a new task, sampled"
         )
@@ -127,13 +119,6 @@ class Metrics:
         found[0].count += 1
         if elapsed_s is not None:
             found[1].observe(elapsed_s)
-
-    def held(self, held_s: float) -> None:
-        """Note the longest that a request held the event loop."""
-        self.hold_s.observe(held_s)
-        if held_s > self._worst_hold_s:
-            self._worst_hold_s = held_s
-            self.hold_worst_s.set(held_s)
 
     def on_demand(
         self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]

@@ -99,6 +99,7 @@ class ControlLane:
             http=protocol,
             ws="none",
             lifespan="off",
+            h11_max_incomplete_event_size=settings.max_head_bytes,
             log_config=None,
             access_log=False,
             server_header=False,
@@ -275,5 +276,5 @@ class ControlLane:
         protocol_class = self._config.http_protocol_class
         assert not isinstance(protocol_class, str)
         return protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
-            config=self._config, server_state=self._state, app_state={}, _loop=self._loop
+            config=self._config, server_state=self._state, app_state={}
         )

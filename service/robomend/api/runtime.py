@@ -24,7 +24,6 @@ from robomend.drills.drills import Drills
 from robomend.drills.parts import DrillParts
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
-from robomend.garbage import Looks
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
@@ -71,7 +70,7 @@ class Runtime:
             DrillParts(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
         )
         self.batches = Batches(self.store, settings)
-        self.watch = LoopWatch(self.metrics, Looks().at_sign)
+        self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
         shedding = LoadShedding(self.store.oldest_queued_s, lambda: self.watch.delay_s, self.metrics)
         self.parts = Parts(

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import socket
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 import structlog
 import uvicorn
 
 from robomend.api.address import url_of
-from robomend.api.app import create_control_app, direct_way
+from robomend.api.app import create_control_app
 from robomend.api.control_lane import ControlLane
 from robomend.api.protocol import Protocol, limited
 from robomend.api.runtime import Runtime
@@ -63,7 +66,19 @@ class Server(uvicorn.Server):
         if self._lane is not None:
             await asyncio.to_thread(self._lane.close)
         await super().shutdown(sockets)
-        self._captured_signals.clear()  # an orderly end is no death by signal: the exit code is 0
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Listen to signals, and raise none again: an orderly end exits with 0."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {each: signal.signal(each, self.handle_exit) for each in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for each, handler in before.items():
+                signal.signal(each, handler)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """A signal came: the loop is told, since it may be asleep."""
@@ -112,9 +127,8 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
     settings = runtime.settings
     config = uvicorn.Config(
         runtime.app,
-        http=limited(
-            settings.max_head_bytes, settings.head_timeout_s, direct=direct_way(runtime.app, settings)
-        ),
+        http=limited(settings.max_head_bytes, settings.head_timeout_s),
+        h11_max_incomplete_event_size=settings.max_head_bytes,
         loop="auto",
         ws="none",
         lifespan="on",

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend import garbage
 from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.room import check_room, memory_unlimited, share_arenas
@@ -33,6 +32,12 @@ THREADS = 16
 
 FIRST_MEGABYTES = 64
 """Of address space, beside the stacks of its threads: a service without them ends at its first requests."""
+
+GARBAGE = (2_000, 100, 1_000)
+"""Of young objects, of looks at them, and of looks at survivors, until Python looks for circles; for the
+old ones it also waits until there are a quarter more. At its defaults every object of a thousand robots is
+walked a few times a second.
+"""
 
 
 @click.command("serve")
@@ -94,6 +99,14 @@ def allow_connections() -> None:
     wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+def settle() -> None:
+    """What is loaded by now stays, and is never looked at again; from now on Python looks by GARBAGE."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(*GARBAGE)
+    gc.enable()
 
 
 def tell(url: str, *, announce: bool) -> None:
@@ -171,7 +184,7 @@ async def _run(
     sockets: list[socket.socket] | None,
     figures: SharedFigures | None = None,
 ) -> int:
-    gc.disable()  # until garbage.settle: a tenth of the time that loading takes
+    gc.disable()  # until `settle`: a tenth of the time that loading takes
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
@@ -182,7 +195,7 @@ async def _run(
 
     def ready(url: str) -> None:
         runtime.planners.start()  # it warms up now instead of at the first repair
-        garbage.settle()
+        settle()
         told(url)
 
     if not memory_unlimited():
