@@ -11,7 +11,6 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from robomend.figures import SharedFigures, added
 from robomend.tallies import Spread, Spreads, Tallies, Tally
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -53,7 +52,6 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        self.shared: SharedFigures | None = None
         self._requests = self._tallies("robomend_requests", "HTTP requests", ("method", "route", "status"))
         self._request_s = self._spreads(
             "robomend_request_seconds",
@@ -126,20 +124,6 @@ class Metrics:
         """Register a gauge that is read when /metrics is."""
         self.registry.register(_OnDemand(name, text, labels, read))
 
-    def text(self) -> bytes:
-        """Return everything in Prometheus' text format; with workers, of all of them."""
-        return self._text(_FiguresRead(self.registry))
-
-    async def written(self) -> bytes:
-        """Return `text` as it is now, made in a thread."""
-        return await asyncio.to_thread(self._text, _FiguresRead(self.registry))
-
-    def _text(self, own: _FiguresRead) -> bytes:
-        text = generate_latest(own)
-        others = self.shared.others() if self.shared is not None else []
-        return added([text, *others]) if others else text
-
-    async def leave(self) -> None:
-        """Leave this worker's figures for the others, if there are any."""
-        if self.shared is not None:
-            self.shared.leave(await asyncio.to_thread(generate_latest, _FiguresRead(self.registry)))
+    async def text(self) -> bytes:
+        """Return everything in Prometheus' text format: read now, and written in a thread."""
+        return await asyncio.to_thread(generate_latest, _FiguresRead(self.registry))

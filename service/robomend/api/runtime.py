@@ -23,7 +23,6 @@ from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
 from robomend.drills.parts import DrillParts
 from robomend.errors import RobomendError
-from robomend.figures import EVERY_S
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
@@ -113,8 +112,6 @@ class Runtime:
             stack.callback(self.probe.close)
             self.hub.start()
             stack.callback(self.store.subscribe(self._count, (Kind.REPAIR, Kind.ACTION)))
-            telling = asyncio.create_task(self._tell_figures(), name="figures for the other workers")
-            stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
             stack.push_async_callback(self.robots.close)
@@ -151,12 +148,6 @@ class Runtime:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
-
-    async def _tell_figures(self) -> None:
-        """Keep the other workers' /metrics up to date about this one."""
-        while self.metrics.shared is not None:
-            await self.metrics.leave()
-            await asyncio.sleep(EVERY_S)
 
     async def _prune(self) -> None:
         """Remove what is older than the settings keep, at the start and then now and then."""

@@ -18,7 +18,6 @@ from robomend.api.app import create_control_app
 from robomend.api.control_lane import ControlLane
 from robomend.api.protocol import Protocol, limited
 from robomend.api.runtime import Runtime
-from robomend.api.supervising import listening_socket
 from robomend.api.urgent import UrgentAdmission
 from robomend.errors import InputError
 from robomend.security import loopback
@@ -50,17 +49,16 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         self._loop = asyncio.get_running_loop()
-        listening = sockets or [listening_socket(self._runtime.settings)]
+        listener = listening_socket(self._runtime.settings)
         await super().startup([])  # nothing for uvicorn to accept on: connections come from the lane
         if not self.started:
+            listener.close()
             return
-        for listener in listening:  # the connections that it accepts inherit it
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         gate = UrgentAdmission(self._runtime.app.state.gate, self._loop)
         app = create_control_app(self._runtime.parts, gate)
-        self._lane = ControlLane(app, self._runtime.settings, listening, self._take, self._headers)
+        self._lane = ControlLane(app, self._runtime.settings, listener, self._take, self._headers)
         self._lane.start()
-        self._ready(url_of(listening[0].getsockname(), secure=self.config.is_ssl))
+        self._ready(url_of(listener.getsockname(), secure=self.config.is_ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         if self._lane is not None:
@@ -120,6 +118,23 @@ class Server(uvicorn.Server):
         if isinstance(made, Protocol) and self._lane is not None and not self.config.is_ssl:
             made.give_back = self._lane.take_back
         return made
+
+
+def listening_socket(settings: Settings) -> socket.socket:
+    """Return the socket that the service listens on."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # The connections that it accepts inherit it.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    try:
+        listener.bind((settings.host, settings.port))
+    except OSError as error:
+        listener.close()
+        where = f"{settings.host}:{settings.port}"
+        raise InputError(f"cannot listen on {where}: {error.strerror}; is another service there?") from error
+    listener.listen(2048)
+    return listener
 
 
 def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
