@@ -11,7 +11,6 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from robomend.figures import SharedFigures, added
 from robomend.tallies import Spread, Spreads, Tallies, Tally
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -53,21 +52,12 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        self.shared: SharedFigures | None = None
         self._requests = self._tallies("robomend_requests", "HTTP requests", ("method", "route", "status"))
         self._request_s = self._spreads(
             "robomend_request_seconds",
             "from the head of a request to the end of its answer, streams and long polls left out",
             ("route",),
         )
-        self.hold_s = self._spread(
-            "robomend_request_hold_seconds",
-            "the longest that a request held the event loop, in time of the processor",
-        )
-        self.hold_worst_s = Gauge(
-            "robomend_request_hold_worst_seconds", "of all requests since the start", registry=self.registry
-        )
-        self._worst_hold_s = 0.0
         self.loop_delay_s = self._spread(
             "robomend_loop_delay_seconds", "what the event loop took to come to a new task, sampled"
         )
@@ -128,33 +118,12 @@ class Metrics:
         if elapsed_s is not None:
             found[1].observe(elapsed_s)
 
-    def held(self, held_s: float) -> None:
-        """Note the longest that a request held the event loop."""
-        self.hold_s.observe(held_s)
-        if held_s > self._worst_hold_s:
-            self._worst_hold_s = held_s
-            self.hold_worst_s.set(held_s)
-
     def on_demand(
         self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]
     ) -> None:
         """Register a gauge that is read when /metrics is."""
         self.registry.register(_OnDemand(name, text, labels, read))
 
-    def text(self) -> bytes:
-        """Return everything in Prometheus' text format; with workers, of all of them."""
-        return self._text(_FiguresRead(self.registry))
-
-    async def written(self) -> bytes:
-        """Return `text` as it is now, made in a thread."""
-        return await asyncio.to_thread(self._text, _FiguresRead(self.registry))
-
-    def _text(self, own: _FiguresRead) -> bytes:
-        text = generate_latest(own)
-        others = self.shared.others() if self.shared is not None else []
-        return added([text, *others]) if others else text
-
-    async def leave(self) -> None:
-        """Leave this worker's figures for the others, if there are any."""
-        if self.shared is not None:
-            self.shared.leave(await asyncio.to_thread(generate_latest, _FiguresRead(self.registry)))
+    async def text(self) -> bytes:
+        """Return everything in Prometheus' text format: read now, and written in a thread."""
+        return await asyncio.to_thread(generate_latest, _FiguresRead(self.registry))

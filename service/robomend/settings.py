@@ -72,6 +72,13 @@ class RecipientSettings(BaseModel):
         return value
 
 
+GONE = {
+    "workers": "one process serves one port; for several, have the init system start instances on one "
+    "PostgreSQL (robomend@.service, docs/deploy/README.md)"
+}
+"""Settings that there were, and what takes their place."""
+
+
 class Settings(BaseModel):
     """Everything that `create_app` and `robomend serve` may be told."""
 
@@ -79,12 +86,6 @@ class Settings(BaseModel):
 
     host: str = Field("127.0.0.1", description="address to listen on; any but loopback needs keys")
     port: int = Field(8600, ge=0, le=65535, description="0: a free one is chosen and announced")
-    workers: int = Field(
-        1,
-        ge=1,
-        le=64,
-        description="service processes on one port and one database; one that dies is replaced",
-    )
     data: Path = Field(default_factory=data_folder, description="folder of the SQLite database")
     database: SecretStr | None = Field(None, description="URL of a database, instead of SQLite in `data`")
     allowed_hosts: tuple[str, ...] = Field(
@@ -275,6 +276,8 @@ def load(
         ("flag", {name: value for name, value in flags.items() if value is not None}),
     ):
         for name, value in given.items():
+            if name in GONE:
+                raise SettingsError(f"{source}: {name}: {GONE[name]}")
             if name not in Settings.model_fields:
                 near = did_you_mean(name, Settings.model_fields)
                 raise SettingsError(
@@ -299,7 +302,7 @@ def shown(settings: Settings) -> dict[str, Any]:
 def _from_environment(environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the settings that the environment names; other ROBOMEND_ variables belong to other tools."""
     found: dict[str, Any] = {}
-    for name in Settings.model_fields:
+    for name in (*Settings.model_fields, *GONE):
         text = environment.get(f"{ENVIRONMENT_PREFIX}{name.upper()}")
         if text is not None:
             found[name] = tuple(filter(None, text.split(","))) if name in LISTS else text

@@ -142,10 +142,3 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that the tests of a module share; each uses names of its own."""
     with running(Settings(port=0, data=tmp_path_factory.mktemp("data"))) as shared:
         yield shared
-
-
-@pytest.fixture(scope="module")
-def there(service: Service) -> Service:
-    """A service with a robot, `direct`."""
-    service.with_robot("direct")
-    return service

@@ -18,7 +18,6 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import ndjson, streams
-from robomend.api.straight import Straight
 from robomend.metrics import Metrics
 from robomend.store import Store, Transaction, api_keys
 
@@ -138,66 +137,7 @@ def test_what_a_page_is_told_of_much_comes_in_few_writes_and_whole() -> None:
     assert len(page) <= streams.BRIEF_AT_ONCE + 2 + took_s / streams.BRIEF_APART_S
 
 
-def test_frames_go_out_in_their_order_at_once_where_nothing_is_before_them() -> None:
-    hub = streams.Hub(cast(Store, None), Metrics(), most=9, ping_s=60.0)
-    out: list[tuple[str, bytes]] = []
-    takes = True
-
-    def at_once(piece: bytes) -> bool:
-        if takes:
-            out.append(("at once", piece))
-        return takes
-
-    async def turns() -> None:
-        for _ in range(3):
-            await asyncio.sleep(0)
-
-    async def main() -> None:
-        nonlocal takes
-        stream = hub.open(None, None)
-        stream.send_at_once(at_once)
-
-        async def write() -> None:
-            async for chunk in stream.frames():
-                out.append(("in turn", chunk))
-
-        writing = asyncio.create_task(write())
-        stream.offer([(1, b"1;")])  # before its beginning is sent
-        await turns()
-        stream.offer([(2, b"2;"), (3, b"3;")])
-        takes = False  # the connection is full
-        stream.offer([(4, b"4;")])
-        takes = True
-        stream.offer([(5, b"5;")])  # behind what waits
-        await turns()
-        stream.offer([(5, b"5;"), (6, b"6;")])  # one that was sent, as the log may give
-        stream.offer([(6, b"6;")])
-        stream.send_at_once(None)
-        stream.offer([(7, b"7;")])
-        await turns()
-        writing.cancel()
-
-    asyncio.run(main())
-    assert out[1:] == [
-        ("in turn", b"1;"),
-        ("at once", b"2;3;"),
-        ("in turn", b"4;5;"),
-        ("at once", b"6;"),
-        ("in turn", b"7;"),
-    ]
-
-
-def test_what_is_sent_at_once_is_what_the_log_has(
-    start: StartService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sent: list[bytes] = []
-    usual = Straight.send
-
-    def send(self: Straight, piece: bytes) -> bool:
-        sent.append(piece)
-        return usual(self, piece)
-
-    monkeypatch.setattr(Straight, "send", send)
+def test_what_is_sent_live_is_what_the_log_has(start: StartService) -> None:
     service = start()
     service.with_robot()
     with following(service) as events, following(service, "/robots/r1/events") as own:
@@ -205,7 +145,6 @@ def test_what_is_sent_at_once_is_what_the_log_has(
         service.observe("ok(scan)", "not ok(map)")
         live = take(events, "observations", 1) + [next(events) for _ in range(3)]
         of_robot = take(own, "observations", 1) + [next(own) for _ in range(3)]
-    assert len(sent) >= 4
     with following(service, last=str(int(live[0]["id"]) - 1)) as events:
         assert [next(events) for _ in range(4)] == live == of_robot
 

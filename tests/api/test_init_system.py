@@ -15,13 +15,12 @@ from tests.forked import popen
 from tests.waiting import until
 
 
-@pytest.mark.parametrize("more", [(), ("--workers", "2")], ids=["one process", "workers"])
-def test_the_watchdog_hears_of_a_service_that_turns(tmp_path: Path, more: tuple[str, ...]) -> None:
+def test_the_watchdog_hears_of_a_service_that_turns(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
         line.bind(str(tmp_path / "s"))
         line.settimeout(60)
         environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "s"), "WATCHDOG_USEC": "400000"}
-        with served(tmp_path, *more, start=partial(popen, env=environment)) as (process, url):
+        with served(tmp_path, start=partial(popen, env=environment)) as (process, url):
             assert line.recv(100) == b"READY=1"
             assert [line.recv(100) for _ in range(3)] == [b"WATCHDOG=1"] * 3
             assert httpx.get(f"{url}/healthz", timeout=60).status_code == 200

@@ -82,7 +82,7 @@ def test_figures_are_read_on_the_event_loop_and_written_in_a_thread(monkeypatch:
     metrics = Metrics()
     metrics.on_demand("robomend_read", "what", (), reading)
     read_by.clear()  # it is read when it is registered, too
-    assert b"robomend_read 7.0" in asyncio.run(metrics.written())
+    assert b"robomend_read 7.0" in asyncio.run(metrics.text())
     assert read_by == [threading.current_thread()]
     [thread] = written_by
     assert thread is not threading.current_thread()

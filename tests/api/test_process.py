@@ -168,6 +168,37 @@ def test_a_wrong_setting_is_bad_input_with_its_source(tmp_path: Path) -> None:
         assert "Traceback" not in answer.stderr
 
 
+def test_workers_are_refused_with_what_takes_their_place(tmp_path: Path) -> None:
+    file = tmp_path / "robomend.yaml"
+    file.write_text("workers: 2\n")
+    for arguments, environment in (
+        (["--workers", "2"], {}),
+        (["--config", str(file)], {}),
+        ([], {"ROBOMEND_WORKERS": "2"}),
+    ):
+        refused = subprocess.run(
+            command("serve", "--data", str(tmp_path), *arguments),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env={**os.environ, **environment},
+        )
+        assert refused.returncode == 2
+        assert "robomend@.service" in refused.stderr
+
+
+def test_a_port_that_is_taken_is_said_to_be(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, url):
+        refused = subprocess.run(
+            command("serve", "--port", url.rsplit(":", 1)[1], "--data", str(tmp_path / "other")),
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+    assert refused.returncode == 2
+    assert "another service" in refused.stderr
+
+
 def test_it_takes_more_connections_than_the_usual_soft_limit_allows(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(512, hard), hard))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -132,11 +133,11 @@ def test_a_disk_that_hangs_lets_nobody_in(times: Times) -> None:
 
 def test_a_batch_that_took_long_to_read_is_asked_about_once_more(times: Times) -> None:
     times.oldest_s = HANGS_S + 0.1
-    times.made.end(times.made.begin(0.0), 0.001)  # the edge has just let it in
-    with pytest.raises(Problem):
-        times.made.begin(2 * MEANWHILE_S)
-    with pytest.raises(Problem):
-        times.made.begin()
+    with times.made.one(0.0):  # the edge has just let it in
+        pass
+    for since_s in (2 * MEANWHILE_S, math.inf):
+        with pytest.raises(Problem), times.made.one(since_s):
+            pass
     assert times.made.under_way == 0
 
 

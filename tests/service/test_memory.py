@@ -15,7 +15,7 @@ def in_memory(service: Service) -> int:
 
     async def count() -> int:
         gc.collect()  # a timer that has run may be in a cycle with its robot
-        lines = service.runtime.metrics.text().decode().splitlines()
+        lines = (await service.runtime.metrics.text()).decode().splitlines()
         return int(float(next(line for line in lines if line.startswith("robomend_robots ")).split()[1]))
 
     found: int = service.run(count())

@@ -120,15 +120,14 @@ def _held(url: str, key: str) -> dict[str, float]:
     text = connection.getresponse().read().decode()
     connection.close()
     values = dict(line.rsplit(" ", 1) for line in text.splitlines() if line and not line.startswith("#"))
-    count = float(values["robomend_request_hold_seconds_count"])
+    count = float(values["robomend_loop_delay_seconds_count"])
     within = {
-        bound: float(values[f'robomend_request_hold_seconds_bucket{{le="{bound}"}}'])
+        bound: float(values[f'robomend_loop_delay_seconds_bucket{{le="{bound}"}}'])
         for bound in ("0.005", "0.05")
     }
     return {
-        "requests": count,
+        "ticks": count,
         "over_5_ms": count - within["0.005"],
         "over_50_ms": count - within["0.05"],
-        "worst_s": float(values["robomend_request_hold_worst_seconds"]),
         "loop_worst_s": float(values["robomend_loop_delay_worst_seconds"]),
     }

@@ -68,7 +68,6 @@ PARTS = (
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--url", help="Measure a service that runs already; robots named r0, r1, … are put there.")
 @click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
-@click.option("--workers", type=click.IntRange(1, 64), default=1, show_default=True, help="Of the service.")
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
 def command(parts: tuple[str, ...], output: str, url: str | None, **wish: Any) -> None:
     """Measure `robomend serve` under load.
@@ -110,11 +109,10 @@ def _listed(found: Any) -> str:
 
 
 def run_parts(
-    parts: tuple[str, ...], url: str | None, *, database: str | None, workers: int, **wish: Any
+    parts: tuple[str, ...], url: str | None, *, database: str | None, **wish: Any
 ) -> tuple[dict[str, dict[str, Any]], list[Row]]:
     """Measure each part on a service of its own, and return the figures and the table."""
     arguments = [*(["--database", database] if database else [])]
-    arguments += ["--workers", str(workers)] if workers > 1 else []
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []
     for part in parts:

@@ -16,7 +16,6 @@ from fastapi.routing import APIRoute
 
 from robomend.api import problems
 from robomend.api.deps import Parts
-from robomend.api.direct import Direct
 from robomend.api.edge import Edge
 from robomend.api.express import Express
 from robomend.api.gate import Admission, Admitter
@@ -53,7 +52,6 @@ from robomend.api.routers import (
     status,
 )
 from robomend.security import API
-from robomend.settings import Settings
 from robomend.version import version_info
 from robomend.web.fleet import Fleet
 from robomend.web.page_pace import PagePace
@@ -129,7 +127,6 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     busiest = next(route for route in routes(app) if route.endpoint is observations.post_observations)
     express = Express(parts, app.state.gate, busiest)
     app.add_middleware(Edge, metrics=parts.metrics, express=express, shedding=parts.shedding)
-    app.state.express = express
     default_openapi = app.openapi
     document: dict[str, Any] = {}
 
@@ -140,14 +137,6 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI documents for extending it
     return app
-
-
-def direct_way(app: FastAPI, settings: Settings) -> Direct:
-    """Return what answers plain batches of observations to this application, without a request of its own."""
-    parts: Parts = app.state.parts
-    express: Express = app.state.express
-    edge = Edge(app, metrics=parts.metrics, express=express, shedding=parts.shedding)
-    return Direct(edge, express, parts.metrics, settings.max_body_bytes)
 
 
 def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
@@ -163,7 +152,7 @@ def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
     for route in (*control.router.routes, *operation.router.routes):
         if isinstance(route, APIRoute) and route.path in CONTROLLED:
             app.router.routes.append(route)
-    app.add_middleware(Edge, metrics=parts.metrics, express=None, shedding=None)
+    app.add_middleware(Edge, metrics=parts.metrics, express=None, shedding=None, once=True)
     return app
 
 

@@ -24,7 +24,7 @@ import re
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import structlog
 import uvicorn
@@ -77,7 +77,7 @@ class ControlLane:
         self,
         app: FastAPI,
         settings: Settings,
-        listeners: Sequence[socket.socket],
+        listener: socket.socket,
         hand_over: Callable[[socket.socket], None],
         headers: Callable[[], list[tuple[bytes, bytes]]],
     ) -> None:
@@ -87,7 +87,7 @@ class ControlLane:
             hand_over: takes every other connection; called in this lane's thread.
             headers: what each answer carries.
         """
-        self._listeners = listeners
+        self._listener = listener
         self._hand_over = hand_over
         self._headers = headers
         self._timeout_s = settings.head_timeout_s
@@ -99,6 +99,7 @@ class ControlLane:
             http=protocol,
             ws="none",
             lifespan="off",
+            h11_max_incomplete_event_size=settings.max_head_bytes,
             log_config=None,
             access_log=False,
             server_header=False,
@@ -114,8 +115,7 @@ class ControlLane:
     def start(self) -> None:
         """Begin to accept; returns when it does."""
         self._config.load()
-        for listener in self._listeners:
-            listener.setblocking(False)
+        self._listener.setblocking(False)
         self._thread.start()
         self._ready.wait(JOIN_S)
 
@@ -141,32 +141,31 @@ class ControlLane:
         # The standard library's loop: it lets us look at a socket that it then gives to a transport.
         with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
             self._loop = loop = runner.get_loop()
-            for listener in self._listeners:
-                loop.add_reader(listener, self._accept, listener)
+            loop.add_reader(self._listener, self._accept)
             self._ready.set()
             loop.run_forever()
             sys.setswitchinterval(self._usual_s)
-            for listener in self._listeners:
-                loop.remove_reader(listener)
+            loop.remove_reader(self._listener)
+            self._listener.close()
             for connection in (*self._quiet,):
                 self._forget(connection)
                 connection.close()
 
-    def _accept(self, listener: socket.socket) -> None:
+    def _accept(self) -> None:
         with self._soon():
-            self._accept_all(listener)
+            self._accept_all()
 
-    def _accept_all(self, listener: socket.socket) -> None:
+    def _accept_all(self) -> None:
         assert self._loop is not None
         for _ in range(ACCEPTED):
             try:
-                connection, _ = listener.accept()
+                connection, _ = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
             except OSError as error:
                 log.error("cannot accept", detail=str(error))
-                self._loop.remove_reader(listener)
-                self._loop.call_later(PAUSE_S, self._loop.add_reader, listener, self._accept, listener)
+                self._loop.remove_reader(self._listener)
+                self._loop.call_later(PAUSE_S, self._loop.add_reader, self._listener, self._accept)
                 return
             connection.setblocking(False)
             if self._peeks:
@@ -275,5 +274,5 @@ class ControlLane:
         protocol_class = self._config.http_protocol_class
         assert not isinstance(protocol_class, str)
         return protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
-            config=self._config, server_state=self._state, app_state={}, _loop=self._loop
+            config=self._config, server_state=self._state, app_state={}
         )

@@ -1,7 +1,10 @@
 """The outermost layer: what is done for every request before a route is known, and after its answer.
 
     a batch that would wait too long ──► 503 (robomend.api.shedding)
-    request id ──► Origin ──► the application ──► log line, metrics
+    request id ──► framing, Origin ──► the application ──► log line, metrics
+
+A client that still sends when its connection is to end gets its answer, and is listened to for a moment
+before the end: a reset would take the answer away from it (RFC 9112, 9.6).
 
 A page of another site can make a browser send requests here, so a request that changes something must not
 come from another origin. Bearer keys are not sent by browsers on their own; without keys, see also the gate.
@@ -9,6 +12,8 @@ come from another origin. Bearer keys are not sent by browsers on their own; wit
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import re
 import secrets
 import time
@@ -22,9 +27,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.conditional import Conditional, head_as_get
 from robomend.api.express import PATH, RULE, Express
-from robomend.api.loop_watch import timed
 from robomend.api.origin import by_name, foreign
 from robomend.api.problems import Problem, unforeseen
+from robomend.api.protocol import LINGER_BYTES, LINGER_S
 from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
 from robomend.logs import PRINCIPAL, REQUEST, debugging
@@ -35,7 +40,9 @@ from robomend.security import API
 log = structlog.get_logger("robomend.http")
 
 REQUEST_ID = re.compile(rb"[A-Za-z0-9._\-]{1,64}\Z")
+VERSIONS = frozenset({"1.0", "1.1"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+CLOSE = (b"connection", b"close")
 Header = tuple[bytes, bytes]
 # An answer's own headers go before these: a form of a page without referrer comes with `Origin: null`.
 SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
@@ -45,12 +52,20 @@ class Edge:
     """ASGI middleware; see the module."""
 
     def __init__(
-        self, app: ASGIApp, *, metrics: Metrics, express: Express | None, shedding: LoadShedding | None
+        self,
+        app: ASGIApp,
+        *,
+        metrics: Metrics,
+        express: Express | None,
+        shedding: LoadShedding | None,
+        once: bool = False,
     ) -> None:
+        """With `once`, an answer ends its connection."""
         self._app = app
         self._express = express
         self._shedding = shedding
         self._metrics = metrics
+        self._once = once
         self._run = secrets.token_hex(4)  # told apart over restarts and instances
         self._count = count(1)
 
@@ -66,12 +81,26 @@ class Edge:
                 await late.response(request_id)(scope, receive, send)
                 return
         status = 0
+        whole = ends = False  # the request has come; the connection ends with its answer
+
+        async def received() -> Message:
+            nonlocal whole
+            message = await receive()
+            whole = not message.get("more_body", False)
+            return message
 
         async def with_headers(message: Message) -> None:
-            nonlocal status
+            nonlocal status, ends
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"] = with_ours(message.get("headers", ()), scope)
+                message["headers"] = headers = with_ours(message.get("headers", ()), scope)
+                if self._once:
+                    headers.append(CLOSE)
+                ends = CLOSE in headers or _last(scope)
+            elif ends and not whole and not message.get("more_body", False):
+                await send({**message, "more_body": True})
+                await _drop_rest(received)
+                message = {"type": "http.response.body", "body": b""}
             await send(message)
 
         REQUEST.set(request_id)
@@ -82,45 +111,21 @@ class Edge:
         try:
             problem = refusal(scope)
             if problem is not None:
-                await problem.response(request_id)(scope, receive, answer)
+                await problem.response(request_id)(scope, received, answer)
             elif self._express is not None and self._express.takes(scope):
-                await timed(self._express(scope, receive, answer), self._metrics.held)
+                await self._express(scope, received, answer)
             else:
-                await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
+                await self._app(scope, received, answer)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
         except Exception as error:  # noqa: BLE001  # a bug of ours: it is logged and has an answer
             response = _failed(scope, error, answered=status != 0)
             if status == 0:
-                await response(scope, receive, answer)
+                await response(scope, received, answer)
         finally:
             self._note(scope, asked["method"], status, time.perf_counter() - began)
             REQUEST.set(None)
             PRINCIPAL.set(None)
-
-    def begin(self, scope: Scope) -> Response | None:
-        """Take up a plain batch, for robomend.api.direct; return why it is refused, or None."""
-        scope["robomend.began"] = time.perf_counter()
-        request_id = self._name(scope)
-        late = self._shed()
-        return None if late is None else late.response(request_id)
-
-    async def direct(self, scope: Scope, body: bytes) -> Response:
-        """Return the answer to a plain batch that has begun, without the headers that every answer has.
-
-        The same as above: a request with no Origin, in a context of its own.
-        """
-        assert self._express is not None
-        REQUEST.set(scope["robomend.request_id"])
-        try:
-            response = await self._express.answer(scope, body)
-        except Exception as error:  # noqa: BLE001  # as above
-            response = _failed(scope, error, answered=False)
-        status, elapsed_s = response.status_code, time.perf_counter() - scope["robomend.began"]
-        self._metrics.request(*RULE, status, elapsed_s)
-        if status >= 400 or debugging():
-            _tell(scope, "POST", status, elapsed_s)
-        return response
 
     def _name(self, scope: Scope) -> str:
         """Give the request its id: the one that it brings, or one of ours."""
@@ -182,14 +187,34 @@ def _failed(scope: Scope, error: Exception, *, answered: bool) -> Response:
     return unforeseen(scope["robomend.request_id"])
 
 
-async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
-    await app(scope, receive, send)
-
-
 def refusal(scope: Scope) -> Problem | None:
     """Return why this request is not even looked at, or None."""
+    headers, version = by_name(scope), scope["http_version"]
+    if version not in VERSIONS:
+        spoken = f"HTTP/{version} is not spoken here: HTTP/1.1 is"
+        return Problem(505, spoken, headers={"Connection": "close"})
+    # Whoever is before us may frame these otherwise, and take a body for requests.
+    if b"transfer-encoding" in headers and (version == "1.0" or b"content-length" in headers):
+        why = f"of HTTP/{version}, this Transfer-Encoding is not read here"
+        return Problem(400, why, headers={"Connection": "close"})
     if scope["method"] in SAFE or (header := foreign(scope)) is None:
         return None
     return Problem(
         403, f"a change may not come from a page of another origin ({header})", code="cross-origin"
     )
+
+
+def _last(scope: Scope) -> bool:
+    """Return whether the client wants no other answer on this connection."""
+    return scope["http_version"] == "1.0" or by_name(scope).get(b"connection", b"").lower() == b"close"
+
+
+async def _drop_rest(receive: Receive) -> None:
+    """Read what still comes of a request that is answered, for a moment."""
+    size, more = 0, True
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(LINGER_S):
+            while more and size < LINGER_BYTES:
+                message = await receive()
+                size += len(message.get("body", b""))
+                more = message.get("more_body", False)

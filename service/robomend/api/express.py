@@ -4,7 +4,7 @@
                │ no
                └─► the framework: routing, exit stacks, dependencies, validation ──► the same functions
 
-The framework's way costs twice what the rest of this request does; direct.py leaves out the server's as well.
+The framework's way costs twice what the rest of this request does.
 The route stays declared where it was, in routers/observations.py, with its schema and its place in the gate's
 table; this is the same sequence of the same functions. Whatever is not quite plain takes the framework's way
 and gets its answers: tests/api/test_express.py holds both to the same answers.
@@ -14,17 +14,14 @@ from __future__ import annotations
 
 import re
 import time
-from hashlib import sha256
 
-from starlette.requests import Request, empty_receive
-from starlette.responses import Response
+from starlette.requests import Request
 from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
-from robomend.api import strict_json
 from robomend.api.deps import Parts, reporter_of
 from robomend.api.gate import Admission
-from robomend.api.ingestion import batch_of, once_of, read_batch
+from robomend.api.ingestion import read_batch
 from robomend.api.origin import by_name
 from robomend.api.problems import Problem, answer_to
 from robomend.api.schemas.base import NAME
@@ -60,30 +57,18 @@ class Express:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request that `takes` has found to be plain."""
-        response = await self.answer(scope, None, receive)
-        await response(scope, receive, send)
-
-    async def answer(self, scope: Scope, body: bytes | None, receive: Receive = empty_receive) -> Response:
-        """Return the answer to a plain request; its body is received if it is not there yet."""
-        given, parts = by_name(scope).get(b"idempotency-key"), self._parts
-        key = None if given is None else given.decode()
+        request, parts = Request(scope, receive), self._parts
+        given = by_name(scope).get(b"idempotency-key")
         try:
-            if body is None:
-                request = Request(scope, receive)
-                principal = await self._gate.admit(request, RULE)
-                batch, once = await read_batch(request, parts, principal, key)
-            else:
-                principal = await self._gate.let_in(scope, RULE)  # it will not outlive its key
-                batch = batch_of(strict_json.loads(body, parts.settings.max_nesting))
-                once = None if key is None else once_of(scope, principal, key, sha256(body).hexdigest())
-            shedding, began = parts.shedding, time.perf_counter()
-            place = shedding.begin(began - scope["robomend.began"])
-            try:
+            principal = await self._gate.admit(request, RULE)
+            batch, once = await read_batch(
+                request, parts, principal, None if given is None else given.decode()
+            )
+            with parts.shedding.one(time.perf_counter() - scope["robomend.began"]):
                 outcome = await parts.robots.observe(
                     scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
                 )
-            finally:
-                shedding.end(place, time.perf_counter() - began)
+            response = accepted_response(outcome)
         except (Problem, RobomendError) as error:
-            return answer_to(Request(scope), error)
-        return accepted_response(outcome)
+            response = answer_to(request, error)
+        await response(scope, receive, send)

@@ -1,7 +1,7 @@
 """Tells an init system that requests are answered, and that the event loop turns: systemd's watchdog.
 
-One process without workers has nobody who replaces it when it hangs (SIGSTOP, a call that does not return);
-with a unit of the type `notify` and WatchdogSec, systemd does. Elsewhere nobody is told anything.
+A process that hangs (SIGSTOP, a call that does not return) is replaced by systemd, where it is a unit of the
+type `notify` with WatchdogSec. Elsewhere nobody is told anything.
 
 Reference: sd_notify(3), sd_watchdog_enabled(3).
 """

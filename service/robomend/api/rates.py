@@ -9,7 +9,7 @@ import time
 class Bucket:
     """A token bucket."""
 
-    __slots__ = ("_beginning", "_policy", "burst", "filled_at", "rate", "tokens")
+    __slots__ = ("_policy", "burst", "filled_at", "rate", "tokens")
 
     def __init__(self, rate: float, burst: int) -> None:
         """`rate` tokens come a second, up to `burst`."""
@@ -18,19 +18,11 @@ class Bucket:
         self.filled_at = time.monotonic()
         full_s = math.ceil(burst / rate)
         self._policy = (b"ratelimit-policy", b'"key";q=%d;w=%d' % (burst, full_s))
-        self._beginning = b"%b: %b\r\nratelimit: " % self._policy
 
     def headers(self) -> tuple[tuple[bytes, bytes], ...]:
         """Return what a client is told of it (draft-ietf-httpapi-ratelimit-headers)."""
-        return self._policy, (b"ratelimit", self._left())
-
-    def lines(self) -> bytes:
-        """Return `headers` as they go over the wire."""
-        return b"%b%b\r\n" % (self._beginning, self._left())
-
-    def _left(self) -> bytes:
         back_s = math.ceil((self.burst - self.tokens) / self.rate)
-        return b'"key";r=%d;t=%d' % (self.tokens, back_s)
+        return self._policy, (b"ratelimit", b'"key";r=%d;t=%d' % (self.tokens, back_s))
 
     def take(self) -> float:
         """Take one token; return 0, or the seconds until there is one."""

@@ -23,8 +23,6 @@ from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
 from robomend.drills.parts import DrillParts
 from robomend.errors import RobomendError
-from robomend.figures import EVERY_S
-from robomend.garbage import Looks
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
@@ -71,7 +69,7 @@ class Runtime:
             DrillParts(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
         )
         self.batches = Batches(self.store, settings)
-        self.watch = LoopWatch(self.metrics, Looks().at_sign)
+        self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
         shedding = LoadShedding(self.store.oldest_queued_s, lambda: self.watch.delay_s, self.metrics)
         self.parts = Parts(
@@ -114,8 +112,6 @@ class Runtime:
             stack.callback(self.probe.close)
             self.hub.start()
             stack.callback(self.store.subscribe(self._count, (Kind.REPAIR, Kind.ACTION)))
-            telling = asyncio.create_task(self._tell_figures(), name="figures for the other workers")
-            stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
             stack.push_async_callback(self.robots.close)
@@ -152,12 +148,6 @@ class Runtime:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
-
-    async def _tell_figures(self) -> None:
-        """Keep the other workers' /metrics up to date about this one."""
-        while self.metrics.shared is not None:
-            await self.metrics.leave()
-            await asyncio.sleep(EVERY_S)
 
     async def _prune(self) -> None:
         """Remove what is older than the settings keep, at the start and then now and then."""

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import socket
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 import structlog
 import uvicorn
 
 from robomend.api.address import url_of
-from robomend.api.app import create_control_app, direct_way
+from robomend.api.app import create_control_app
 from robomend.api.control_lane import ControlLane
 from robomend.api.protocol import Protocol, limited
 from robomend.api.runtime import Runtime
-from robomend.api.supervising import listening_socket
 from robomend.api.urgent import UrgentAdmission
 from robomend.errors import InputError
 from robomend.security import loopback
@@ -47,23 +49,34 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         self._loop = asyncio.get_running_loop()
-        listening = sockets or [listening_socket(self._runtime.settings)]
+        listener = listening_socket(self._runtime.settings)
         await super().startup([])  # nothing for uvicorn to accept on: connections come from the lane
         if not self.started:
+            listener.close()
             return
-        for listener in listening:  # the connections that it accepts inherit it
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         gate = UrgentAdmission(self._runtime.app.state.gate, self._loop)
         app = create_control_app(self._runtime.parts, gate)
-        self._lane = ControlLane(app, self._runtime.settings, listening, self._take, self._headers)
+        self._lane = ControlLane(app, self._runtime.settings, listener, self._take, self._headers)
         self._lane.start()
-        self._ready(url_of(listening[0].getsockname(), secure=self.config.is_ssl))
+        self._ready(url_of(listener.getsockname(), secure=self.config.is_ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         if self._lane is not None:
             await asyncio.to_thread(self._lane.close)
         await super().shutdown(sockets)
-        self._captured_signals.clear()  # an orderly end is no death by signal: the exit code is 0
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Listen to signals, and raise none again: an orderly end exits with 0."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {each: signal.signal(each, self.handle_exit) for each in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for each, handler in before.items():
+                signal.signal(each, handler)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """A signal came: the loop is told, since it may be asleep."""
@@ -107,14 +120,30 @@ class Server(uvicorn.Server):
         return made
 
 
+def listening_socket(settings: Settings) -> socket.socket:
+    """Return the socket that the service listens on."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # The connections that it accepts inherit it.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    try:
+        listener.bind((settings.host, settings.port))
+    except OSError as error:
+        listener.close()
+        where = f"{settings.host}:{settings.port}"
+        raise InputError(f"cannot listen on {where}: {error.strerror}; is another service there?") from error
+    listener.listen(2048)
+    return listener
+
+
 def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
     """Return a server for the settings; `ready` is called with its URL once it listens."""
     settings = runtime.settings
     config = uvicorn.Config(
         runtime.app,
-        http=limited(
-            settings.max_head_bytes, settings.head_timeout_s, direct=direct_way(runtime.app, settings)
-        ),
+        http=limited(settings.max_head_bytes, settings.head_timeout_s),
+        h11_max_incomplete_event_size=settings.max_head_bytes,
         loop="auto",
         ws="none",
         lifespan="on",

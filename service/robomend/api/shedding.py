@@ -20,9 +20,9 @@ References:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from math import inf
-from types import TracebackType
 
 import structlog
 
@@ -54,9 +54,6 @@ HANGS_S = 1.0
 MEMORY = 1 / 256
 """The weight of the latest batch in the measure."""
 
-TELL_S = 1.0
-"""Between two lines in the log about what was refused."""
-
 MEANWHILE_S = 0.001
 """What takes longer may have let others go on."""
 
@@ -77,7 +74,6 @@ class LoadShedding:
         self.under_way = 0
         """Batches that are being kept."""
         self._began_s = self._over_s = -CALM_S  # the present overload, or the one before
-        self._told_s, self._untold = -TELL_S, 0
         self._took_s, self._places = GUESS_S, 1.0  # sums; the older, the less they weigh
         metrics.on_demand(
             "robomend_expected_delay_seconds",
@@ -114,21 +110,13 @@ class LoadShedding:
         return delay_s > MOST_S or now - self._began_s > BURST_S
 
     def _refuse(self, why: str) -> Problem:
-        """Count it. A log line for each would cost as much as the refusal."""
         self._refused.inc()
-        self._untold += 1
-        now = time.monotonic()
-        if now - self._told_s > TELL_S:
-            log.warning("load shed", refused=self._untold, why=why)
-            self._told_s, self._untold = now, 0
+        log.warning("load shed", why=why)
         return Problem(503, why)
 
-    def one(self) -> BatchUnderWay:
-        """Return a context in which a batch is counted in while it is kept."""
-        return BatchUnderWay(self)
-
-    def begin(self, since_s: float = inf) -> int:
-        """Count a batch in, and return its place.
+    @contextmanager
+    def one(self, since_s: float = inf) -> Iterator[None]:
+        """Count a batch in while it is kept.
 
         Args:
             since_s: so long ago the edge has asked.
@@ -139,28 +127,10 @@ class LoadShedding:
         if since_s > MEANWHILE_S and (late := self.refusal()) is not None:
             raise late
         self.under_way += 1
-        return self.under_way
-
-    def end(self, place: int, took_s: float) -> None:
-        """A batch that began at this place is kept, or is not going to be."""
-        self.under_way -= 1
-        self._took_s += took_s - self._took_s * MEMORY
-        self._places += place - self._places * MEMORY
-
-
-class BatchUnderWay:
-    """See `LoadShedding.one`."""
-
-    __slots__ = ("_began", "_place", "_shedding")
-
-    def __init__(self, shedding: LoadShedding) -> None:
-        self._shedding = shedding
-
-    def __enter__(self) -> None:
-        self._place = self._shedding.begin()
-        self._began = time.perf_counter()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._shedding.end(self._place, time.perf_counter() - self._began)
+        place, began = self.under_way, time.perf_counter()
+        try:
+            yield
+        finally:
+            self.under_way -= 1
+            self._took_s += time.perf_counter() - began - self._took_s * MEMORY
+            self._places += place - self._places * MEMORY

@@ -24,9 +24,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from robomend.api.admitted import left
-from robomend.api.alarm import Alarm
 from robomend.api.problems import Problem
-from robomend.api.straight import straight
 from robomend.metrics import Metrics
 from robomend.store import Store, events
 from robomend.store.encoding import to_json
@@ -54,9 +52,6 @@ BRIEF_AT_ONCE = 5
 PING = b"event: ping\ndata: {}\n\n"
 
 Frame = tuple[int, bytes]
-
-AtOnce = Callable[[bytes], bool]
-"""Sends frames, and returns whether it did."""
 
 Still = Callable[[], Awaitable[bool]]
 """Whether whoever opened a stream would be let in now."""
@@ -206,17 +201,10 @@ class Stream:
         self._from_log = last_event_id is not None
         self._last = 0
         self._next_s = 0.0  # the place of the next write, of one that is paced
-        self._at_once: AtOnce | None = None
-        self._idle = Alarm(hub.ping_s, self.wake.set)
-        self._rests = False  # everything is sent, and whoever sends waits for more
-
-    def send_at_once(self, send: AtOnce | None) -> None:
-        """Have frames sent by this in the turn in which they come, while nothing is before them."""
-        self._at_once = None if self.wanted.brief else send
 
     def offer(self, frames: Sequence[Frame]) -> None:
         """Take the frames of a commit, or note that there are too many."""
-        if self._from_log or not frames or self._sent(frames):
+        if self._from_log or not frames:
             return
         for frame in frames:
             if len(self._pending) >= PENDING:
@@ -226,19 +214,6 @@ class Stream:
             self._pending.append(frame)
         self.wake.set()
 
-    def _sent(self, frames: Sequence[Frame]) -> bool:
-        """Send frames at once, if nothing is before them; return whether they are."""
-        if self._at_once is None or not self._rests or self.wake.is_set():
-            return False
-        if frames[0][0] <= self._last:  # the log has given some of them already
-            frames = [frame for frame in frames if frame[0] > self._last]
-        if frames:
-            if not self._at_once(b"".join([text for _, text in frames])):
-                return False
-            self._last = frames[-1][0]
-        self._idle.begin()
-        return True
-
     async def frames(self) -> AsyncIterator[bytes]:
         """Yield what the client gets, until the service shuts down."""
         yield f"retry: {RETRY_MS}\n: robomend events\n\n".encode()
@@ -246,28 +221,25 @@ class Stream:
             gap = await self._resume(self._asked)
             if gap is not None:
                 yield gap
-        with self._idle as idle:
-            while not self._hub.closing:
-                if self._from_log:
-                    chunk = await self._catch_up()
-                else:
-                    chunk = b"".join([frame for number, frame in self._pending if number > self._last])
-                    if self._pending:
-                        self._last = max(self._last, self._pending[-1][0])
-                        self._pending.clear()
-                if chunk:
-                    yield chunk
-                    if self.wanted.brief:
-                        await self._apart()
-                elif not self._from_log:
-                    self.wake.clear()
-                    idle.begin()
-                    self._rests = True
-                    await self.wake.wait()
-                    self._rests = False
-                    idle.end()
-                    if idle.rang:
-                        yield PING if self.wanted.brief else b": ping\n\n"
+        while not self._hub.closing:
+            if self._from_log:
+                chunk = await self._catch_up()
+            else:
+                chunk = b"".join([frame for number, frame in self._pending if number > self._last])
+                if self._pending:
+                    self._last = max(self._last, self._pending[-1][0])
+                    self._pending.clear()
+            if chunk:
+                yield chunk
+                if self.wanted.brief:
+                    await self._apart()
+            elif not self._from_log:
+                self.wake.clear()
+                try:
+                    async with asyncio.timeout(self._hub.ping_s):
+                        await self.wake.wait()
+                except TimeoutError:
+                    yield PING if self.wanted.brief else b": ping\n\n"
 
     async def _apart(self) -> None:
         """Wait until more may go out, where much does."""
@@ -310,42 +282,30 @@ class EventStream(Response):
         del self.headers["content-length"]
         self._hub, self._stream, self._send_timeout_s = hub, stream, send_timeout_s
         self._still = still
-        self._looked_s = 0.0  # monotonic; when it was known that the key is good
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["robomend.waits"] = True
-        if (way := straight(scope)) is not None:
-            self._stream.send_at_once(lambda chunk: not self._must_look and way.send(chunk))
         gone = asyncio.ensure_future(left(receive))
-        with Alarm(self._send_timeout_s, lambda: writing.cancel()) as stalled:
-            writing = asyncio.create_task(self._write(send, stalled))
-            try:
-                await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                self._hub.forget(self._stream)
-                self._stream.send_at_once(None)
-                for task in (gone, writing):
-                    task.cancel()
-                for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
-                    # A client that stalls or goes away is no fault of ours; everything else is.
-                    if isinstance(outcome, Exception) and not isinstance(outcome, OSError):
-                        raise outcome
+        writing = asyncio.create_task(self._write(send))
+        try:
+            await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._hub.forget(self._stream)
+            for task in (gone, writing):
+                task.cancel()
+            for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
+                # A client that stalls (TimeoutError) or goes away is no fault of ours; everything else is.
+                if isinstance(outcome, Exception) and not isinstance(outcome, OSError):
+                    raise outcome
 
-    async def _write(self, send: Send, sending: Alarm) -> None:
-        headers = self.raw_headers
-        await send({"type": "http.response.start", "status": 200, "headers": headers})
-        self._looked_s = time.monotonic()
+    async def _write(self, send: Send) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
+        looked_s = time.monotonic()
         async for chunk in self._stream.frames():
-            if self._must_look:
+            if time.monotonic() - looked_s > STILL_S:
                 if not await self._still():
                     break
-                self._looked_s = time.monotonic()
-            sending.begin()
-            await send({"type": "http.response.body", "body": chunk, "more_body": True})
-            sending.end()
+                looked_s = time.monotonic()
+            async with asyncio.timeout(self._send_timeout_s):
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
         await send({"type": "http.response.body", "body": b"", "more_body": False})
-
-    @property
-    def _must_look(self) -> bool:
-        """Whether the key is to be looked at before anything more is sent."""
-        return time.monotonic() - self._looked_s > STILL_S

@@ -133,31 +133,12 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
     )
 
 
-class AcceptedResponse(Response):
-    """A JSON text as an answer, without what Starlette does for any content that there may be."""
-
-    status_code = 200
-    background = None
-
-    def __init__(self, body: bytes) -> None:
-        self.body = body
-
-    @property
-    def raw_headers(self) -> list[tuple[bytes, bytes]]:  # type: ignore[override]  # made where it is needed
-        """Its headers; `lines` has the same."""
-        return [(b"content-length", b"%d" % len(self.body)), (b"content-type", b"application/json")]
-
-    def lines(self) -> bytes:
-        """Return its headers as they go over the wire."""
-        return b"content-length: %d\r\ncontent-type: application/json\r\n" % len(self.body)
-
-
-def accepted_response(outcome: Acknowledged) -> AcceptedResponse:
+def accepted_response(outcome: Acknowledged) -> Response:
     """Return what became of a batch; written directly, since this is the busiest answer of all."""
     changed = ", ".join(map(encode_basestring_ascii, outcome.changed))
     rest = json.dumps([_refused(fault) for fault in outcome.refused]) if outcome.refused else "[]"
     body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
-    return AcceptedResponse(body.encode())
+    return Response(body, media_type="application/json")
 
 
 def _refused(fault: ObservationError) -> dict[str, Any]:

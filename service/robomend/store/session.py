@@ -39,7 +39,6 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, text
 
-from robomend.end_sign import EndSign
 from robomend.errors import StoreError
 from robomend.starvation import OwnSilence, waited_s
 from robomend.store.group import CHANNEL
@@ -105,7 +104,7 @@ class InstanceSession(ABC):
         self.naps = 0
         """Times that nothing was heard of us for so long that others may have taken over."""
         self._ready = threading.Event()
-        self._closing = EndSign()
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="store-session", daemon=True)
 
     @property

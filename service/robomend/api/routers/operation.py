@@ -43,7 +43,7 @@ async def readyz(parts: PartsDep, response: Response) -> Readiness:
 )
 async def metrics(parts: PartsDep) -> Response:
     """Return the service's figures in Prometheus' text format."""
-    return Response(await parts.metrics.written(), media_type=CONTENT_TYPE)
+    return Response(await parts.metrics.text(), media_type=CONTENT_TYPE)
 
 
 @router.get("/version-info", responses=problems())
