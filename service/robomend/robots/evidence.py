@@ -56,7 +56,7 @@ class Dating(NamedTuple):
         def rests_on(literal: Literal, position: int) -> tuple[int, int | None]:
             since_ns = since[position] if since else None
             onset_ns = onset[position] if onset else None
-            held = self.obs.get(literal.atom)
+            held = self.obs.word(literal.atom, source)
             same = held is not None and held.literal == literal
             fact = literal.atom.predicate in OBSERVED_FACTS
             if since_ns is None:

@@ -378,6 +378,10 @@ class Sight:
         """Return what dates the observations of a batch."""
         return Dating(self._robot.obs, self._clocks, self._usual_ns)
 
+    def sources(self) -> frozenset[str]:
+        """Return who has reported anything since the service started, as far as it is remembered."""
+        return self._clocks.sources()
+
     @property
     def _usual_ns(self) -> int:
         return round(self._robot.config.detection_s * 1e9)

@@ -66,6 +66,10 @@ class SourceClocks:
         self._offsets[source] = least
         return least
 
+    def sources(self) -> frozenset[str]:
+        """Return whose clocks are followed."""
+        return frozenset(self._delays)
+
     def spread_ns(self) -> int | None:
         """Return by how much the latest batches of any source differed in how long they were on their way.
 
