@@ -146,3 +146,14 @@ def test_what_a_source_knows_no_more_is_what_the_other_says(service: Service) ->
     assert (one["literal"], one["source"], one["by_source"]) == ("not ok(scan)", "pc2", [])
     service.observe(robot="away", source="pc2", unknown=["ok(scan)"], time=time.time_ns())
     assert service.api("GET", "/robots/away/observations").json()["observations"] == []
+
+
+def test_a_clock_that_was_ahead_and_is_set_right_does_not_outlive_what_it_says_then(service: Service) -> None:
+    service.with_robot("ahead")
+    for _ in range(3):
+        service.observe("ok(scan)", robot="ahead", source="pc1", time=time.time_ns() + 40 * S, lifetime_s=60)
+    answer = service.observe("not ok(scan)", robot="ahead", source="pc1", time=time.time_ns()).json()
+    assert answer["changed"] == ["not ok(scan)"]
+    assert scan(service, "ahead")["literal"] == "not ok(scan)"
+    service.observe("ok(scan)", robot="ahead", source="person")
+    assert scan(service, "ahead")["literal"] == "ok(scan)"

@@ -56,7 +56,7 @@ def findings(
         around: with the robot's board, if one is configured.
         asked: None where nobody can know, as the service is not asked.
     """
-    found = [*faults, *contradicted(state), *_unheard(state)]
+    found = [*faults, *contradicted(state), *_unheard(state), *_of_one_name(state)]
     if state.config.policy != "observe" and state.system.parts is not None:
         found += _carried_out(state, actions, around, asked)
         found += _slow(state)
@@ -92,6 +92,18 @@ def _unheard(state: Robot) -> Iterator[str]:
         known = state.obs.sources() | state.sight.sources()
         if missing := [source for source in state.config.believe if source not in known]:
             yield f"`believe` names {_some(missing)}, and no source of that name has reported anything yet"
+
+
+def _of_one_name(state: Robot) -> Iterator[str]:
+    remedy = "give each its own (`agent:` of the agent's file)"
+    for agent, hosts in state.sight.declared.of_one_name():
+        where = " and ".join("a host that is not said" if host is None else repr(host) for host in hosts)
+        yield f"two agents call themselves {agent!r}, on {where}: {remedy}"
+    for source in state.sight.twins.names(CLOCK.now_ns()):
+        yield (
+            f"the source {source!r} contradicts itself by evidence from the same time, as two agents of one "
+            f"name do: {remedy}"
+        )
 
 
 def _carried_out(

@@ -163,6 +163,9 @@ async def read_batches(
         expires_ns = None
         if batch.lifetime_s is not None:
             expires_ns = at_ns + round(batch.lifetime_s * 1e9) + evidence.clocks.lives_on_ns(source)
+        # A stamp ahead of us is a clock that is ahead; taken as it is, it would outlive what is said when the
+        # clock is right again.
+        at_ns = min(at_ns, now_ns)
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
