@@ -12,6 +12,7 @@ from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, s
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
 from robomend.repairs.offers import offers_if_all
+from robomend.robots.batches import Batch
 from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
@@ -85,6 +86,16 @@ async def test_an_action_with_too_many_groundings_is_refused_when_the_robot_is_p
         )
         with pytest.raises(NotFound):
             await runtime.robots.memory.robot("r1")
+
+
+async def test_a_source_that_is_believed_and_never_reported_is_named(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        await put(runtime, believe=["pc1", "pc2"])
+        await runtime.robots.observe("r1", Batch(["ok(scan)"], source="pc1"))
+        found = await runtime.repairs.findings("r1")
+        assert "`believe` names pc2, and no source of that name has reported anything yet" in found
+        await runtime.robots.observe("r1", Batch(["ok(scan)"], source="pc2"))
+        assert not [one for one in await runtime.repairs.findings("r1") if "believe" in one]
 
 
 async def test_what_can_work_is_taken(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def another(info: FieldInfo) -> Any:
     if get_origin(kind) is dict:
         value = get_args(kind)[1]
         return {"1": REQUIRED.get(value, {})}
-    return {str: "another", int: 17, float: 17.5}[kind]
+    return {str: "another", int: 17, float: 17.5, bool: not info.default}[kind]
 
 
 def held(annotation: Any) -> type[BaseModel] | None:

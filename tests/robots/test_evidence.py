@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
-from robomend.robots.declared import Delays
-from robomend.robots.evidence import Dating, RestsOn
+from robomend.robots.declared import Declaration, DeclaredAgents, Delays
+from robomend.robots.evidence import Dating, RestsOn, Twins
 from robomend.robots.sight import Sight
 from robomend.robots.source_clocks import ENOUGH, SourceClocks
 from robomend_client.literals import Atom, Literal
@@ -207,3 +207,55 @@ def test_the_board_s_readings_need_no_room_for_clocks_that_differ(
     entry = Entry(on, source, NOW + after_ms * S // 1000, None, NOW + after_ms * S // 1000)
     sight.hear([entry], held.update([entry]))
     assert (on.atom not in sight.unconfirmed) is seen
+
+
+def test_a_clock_that_was_ahead_and_is_set_right_is_right_after_a_few_batches() -> None:
+    clocks = SourceClocks()
+    for number in range(20):
+        assert clocks.offset_ns("agent", NOW + (number + 40) * S, NOW + number * S) == -40 * S
+    found = [
+        clocks.offset_ns("agent", NOW + number * S - 5_000_000, NOW + number * S) for number in range(20, 26)
+    ]
+    assert found == [-40 * S] * (ENOUGH - 1) + [5_000_000] * 3
+
+
+def test_a_backlog_of_a_clock_that_is_ahead_does_not_make_it_right() -> None:
+    clocks = SourceClocks()
+    for number in range(8):
+        clocks.offset_ns("agent", NOW + (number + 40) * S, NOW + number * S)
+    for number in range(8):  # what waited on a disk for a minute
+        assert clocks.offset_ns("agent", NOW + (number - 20) * S, NOW + 9 * S) == -40 * S
+
+
+def test_a_source_that_contradicts_itself_again_and_again_is_two() -> None:
+    obs, twins = Obs(), Twins()
+
+    def said(literal: Literal, at_s: float, since_s: float, onset_s: float | None = None) -> list[str]:
+        time_ns, since_ns = NOW + round(at_s * S), NOW + round(since_s * S)
+        onset_ns = None if onset_s is None else NOW + round(onset_s * S)
+        rests_on = Dating(obs, SourceClocks(), 0, twins).of("a", time_ns, time_ns, 1, [since_ns], [onset_ns])
+        obs.update([Entry(literal, "a", time_ns, None, *rests_on(literal, 0))])
+        return twins.names(time_ns)
+
+    # One observer turns by what it saw after what it said before.
+    for at in range(0, 60, 10):
+        assert said(OK, at, at - 0.5) == []
+        assert said(OK, at + 2, at + 1.5) == []
+        assert said(BAD, at + 4, at + 3, at + 2.9) == []
+        assert said(BAD, at + 6, at + 5, at + 2.9) == []
+    # Of two, one has heard the topic all along, and the other has not.
+    found = []
+    for at in range(60, 68):
+        found += [said(OK, at, at - 0.5), said(BAD, at + 0.5, at - 0.2, 50)]
+    assert found[2] == []
+    assert found[-1] == ["a"]
+    assert twins.names(NOW + 200 * S) == []
+
+
+def test_agents_of_one_name_that_poll_from_two_hosts_are_told_and_one_that_moved_is_not() -> None:
+    agents = DeclaredAgents()
+    for host in ("pc1", "pc1", "pc2", "pc2"):
+        agents.hear(Declaration("onboard", host))
+        assert agents.of_one_name() == []
+    agents.hear(Declaration("onboard", "pc1"))
+    assert agents.of_one_name() == [("onboard", ("pc2", "pc1"))]

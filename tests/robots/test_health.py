@@ -79,8 +79,7 @@ class World:
             case "report", (Atom() as atom, bool() as sign, int() | None as lives_ns):
                 until = None if lives_ns is None else self.now_ns + lives_ns
                 entry = Entry(Literal(atom, sign), "test", self.now_ns, until, self.now_ns, None)
-                changed, _ = self.robot.apply(Update([entry]))
-                if changed:
+                if self.robot.apply(Update([entry])).changed:
                     writing = self.robot.accepted()
                     self.robot.kept(writing, self.robot.head, repeated=False)
                 self.said[atom] = (sign, 2**63 if until is None else until)

@@ -42,6 +42,7 @@ class Step:
     what: str  # batch, renew, bring-up
     literals: tuple[tuple[int, bool], ...]
     forgotten: tuple[int, ...]
+    source: str
 
 
 STEPS = st.lists(
@@ -50,6 +51,7 @@ STEPS = st.lists(
         st.sampled_from(["batch", "batch", "batch", "renew", "bring-up"]),
         st.lists(st.tuples(st.integers(0, 3), st.booleans()), max_size=3).map(tuple),
         st.lists(st.integers(0, 3), max_size=1).map(tuple),
+        st.sampled_from(["a", "a", "b"]),
     ),
     max_size=14,
 )
@@ -58,7 +60,7 @@ STEPS = st.lists(
 async def accept(store: Store, robot: str, obs: Obs, step: Step, time_ns: int) -> None:
     """Take a batch into OBS, and write it as a robot does."""
     given = [
-        Entry(Literal(ATOMS[n], sign), "general", time_ns, time_ns + 9, reading=READINGS[n])
+        Entry(Literal(ATOMS[n], sign), step.source, time_ns, time_ns + 9, reading=READINGS[n])
         for n, sign in step.literals
     ]
     changed = obs.update(given)
@@ -69,6 +71,7 @@ async def accept(store: Store, robot: str, obs: Obs, step: Step, time_ns: int) -
         for one in consequences(each)
         if one.atom not in new and obs.get(one.atom) == one
     }
+    renewed |= {atom: held for atom in obs.several_of(given) - new if (held := obs.get(atom))}
     forgotten = [ATOMS[n] for n in step.forgotten]
     obs.forget(forgotten)
 
@@ -93,7 +96,8 @@ async def test_obs_is_what_was_accepted(store: Store, second: Store, often: None
             await accept(who, robot, obs, step, time_ns)
         else:
             held = [replace(one, expires_ns=time_ns + 99) for one in obs.entries()]
-            held = [one for one in held if consequences(one) == (one,)]  # else it may be more than a renewal
+            # Else it may be more than a renewal.
+            held = [one for one in held if consequences(one) == (one,) and not one.by_source]
             obs.update(held)
             at = await who.read(observations.revision, robot)
 
@@ -102,7 +106,9 @@ async def test_obs_is_what_was_accepted(store: Store, second: Store, often: None
 
             assert await who.write(renew, robots=(robot,))
         kept = (await store.read(observations.obs, robot)).entries
-        assert {one.atom: one for one in kept} == {one.atom: one for one in obs.entries()}
+        assert {one.atom: (one, one.by_source) for one in kept} == {
+            one.atom: (one, one.by_source) for one in obs.entries()
+        }
         assert [*kept] == sorted(kept, key=lambda one: atom_to_text(one.atom))
 
 

@@ -68,6 +68,8 @@ class ObservedLiteral(TypedDict):
     fresh: bool
     used: bool
     reading: ReadingJson | None
+    contradicted: bool
+    by_source: list[dict[str, Any]]
 
 
 class Obs(TypedDict):
@@ -124,6 +126,7 @@ class CurrentDiagnosis(TypedDict):
     expected_stopped: list[str]
     result: Result | None
     fault: Fault | None
+    findings: list[str]
 
 
 class Probe(TypedDict):

@@ -13,7 +13,7 @@ from robomend.api.long_json import page_text
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
-from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut, ReadingOut
+from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut, ReadingOut, SourceWord
 from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
@@ -24,6 +24,7 @@ from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.moments import rfc3339, with_texts
+from robomend.repairs.foresight import contradicted
 from robomend.repairs.repair_json import repair_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
@@ -158,13 +159,15 @@ def obs_out(state: Robot) -> ObsOut:
                 literal=str(entry.literal),
                 source=entry.source,
                 time_ns=entry.time_ns,
-                expires_ns=entry.expires_ns,
+                expires_ns=None if entry.contradicted else entry.expires_ns,
                 since_ns=entry.since_ns,
                 onset_ns=entry.onset_ns,
                 confirmed=entry.atom not in unconfirmed,
                 fresh=entry.fresh(now),
                 used=entry.literal.atom in used,
                 reading=_reading_out(entry),
+                contradicted=entry.contradicted,
+                by_source=[_word_out(word.entry) for word in entry.by_source],
             )
             for entry in entries
         ],
@@ -186,6 +189,18 @@ def _reading_out(entry: Entry) -> ReadingOut | None:
     return None if reading is None else ReadingOut(**reading._asdict(), text=str(reading))
 
 
+def _word_out(said: Entry) -> SourceWord:
+    return SourceWord(
+        literal=str(said.literal),
+        source=said.source,
+        time_ns=said.time_ns,
+        expires_ns=said.expires_ns,
+        since_ns=said.since_ns,
+        onset_ns=said.onset_ns,
+        reading=_reading_out(said),
+    )
+
+
 def diagnosis_response(state: Robot) -> Response:
     """Return the current diagnosis; its JSON is made already."""
     current = state.current
@@ -198,6 +213,7 @@ def diagnosis_response(state: Robot) -> Response:
         "result": None if current is None else current.result,
         "fault": None if current is None else current.fault,
         "expected_stopped": [] if current is None else current.expected_stopped,
+        "findings": contradicted(state),
     }
     return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
 

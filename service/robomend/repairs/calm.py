@@ -129,6 +129,7 @@ class Calm:
             state.sight.on_its_way_ns(),
         )
         found |= self._unseen(unconfirmed, now_ns)
+        found |= state.obs.doubted(now_ns)
         if parts is not None:
             began = {
                 entry.atom: entry.onset_ns

@@ -11,14 +11,17 @@ import math
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
+from robomend.entry import Entry
 from robomend.errors import RobomendError
 from robomend.model.components import ComponentModel
 from robomend.model.schemes import publishers_of
 from robomend.observations.language import parse
+from robomend.observations.obs import Contradiction
 from robomend.planning.offers import Offers
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.repairs.execution_values import Timing, timings
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
+from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom
@@ -53,13 +56,54 @@ def findings(
         around: with the robot's board, if one is configured.
         asked: None where nobody can know, as the service is not asked.
     """
-    found = [*faults]
+    found = [*faults, *contradicted(state), *_unheard(state), *_of_one_name(state)]
     if state.config.policy != "observe" and state.system.parts is not None:
         found += _carried_out(state, actions, around, asked)
         found += _slow(state)
         if (why := state.interlocked()) is not None:
             found.append(f"nothing is sent to the robot now: {why}")
     return [*found, *_unobserved(state)]
+
+
+def contradicted(state: Robot) -> list[str]:
+    """Say about what sources contradict each other now; no act follows from that."""
+    return [_who_says_what(one) for one in state.obs.contradictions(CLOCK.now_ns())]
+
+
+def _who_says_what(one: Contradiction) -> str:
+    yes, no = (_some(map(_said, words)) for words in (one.holds, one.fails))
+    what = "it is unknown: `believe` or `bad_wins` of the robot says who counts"
+    if one.believed is not None:
+        what = f"{one.believed.source} is believed"
+    where = ""
+    if one.atom.predicate == "ok":
+        heard, not_heard = (_some(entry.source for entry in words) for words in (one.holds, one.fails))
+        where = f"; seen from {heard}, not from {not_heard}: look at what is between them"
+    return f"sources contradict each other about {one.atom}: {yes}, {no}{where}; {what}"
+
+
+def _said(entry: Entry) -> str:
+    measured = f" ({entry.reading})" if entry.reading else ""
+    return f"{entry.source} reports {entry.literal}{measured}"
+
+
+def _unheard(state: Robot) -> Iterator[str]:
+    if state.config.believe:
+        known = state.obs.sources() | state.sight.sources()
+        if missing := [source for source in state.config.believe if source not in known]:
+            yield f"`believe` names {_some(missing)}, and no source of that name has reported anything yet"
+
+
+def _of_one_name(state: Robot) -> Iterator[str]:
+    remedy = "give each its own (`agent:` of the agent's file)"
+    for agent, hosts in state.sight.declared.of_one_name():
+        where = " and ".join("a host that is not said" if host is None else repr(host) for host in hosts)
+        yield f"two agents call themselves {agent!r}, on {where}: {remedy}"
+    for source in state.sight.twins.names(CLOCK.now_ns()):
+        yield (
+            f"the source {source!r} contradicts itself by evidence from the same time, as two agents of one "
+            f"name do: {remedy}"
+        )
 
 
 def _carried_out(

@@ -80,14 +80,14 @@ class Update(NamedTuple):
     entries: Sequence[Entry] = ()
     asserted: Sequence[tuple[Assertion, StoredAssertion]] = ()
     withdrawn: Sequence[str] = ()  # names of assertions
-    forgotten: Sequence[Atom] = ()
+    retracted: Sequence[tuple[Atom, str]] = ()  # of which a source, too, knows nothing any more
     refused: Sequence[ObservationError] = ()  # sentences that are not in it
     dated: bool = False  # each batch says when it was: taking it in once more, later, changes nothing
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing to keep."""
-        return not (self.entries or self.asserted or self.withdrawn or self.forgotten)
+        return not (self.entries or self.asserted or self.withdrawn or self.retracted)
 
     async def ready(self, _: object) -> Update:
         """Return it: how to read what is read already."""
@@ -147,8 +147,8 @@ async def read_batches(
     entries: list[Entry] = []
     asserted: list[tuple[Assertion, StoredAssertion]] = []
     refused: list[ObservationError] = []
-    newest: dict[Atom, Entry] = {}  # of atoms that a batch calls unknown, and of those in batches after it
-    forgotten: dict[Atom, None] = {}
+    newest: dict[tuple[Atom, str], Entry] = {}  # what each source says of each atom in these batches
+    retracted: dict[tuple[Atom, str], None] = {}
     for given in batches:
         source = given.source or by
         batch = given.later(_set_back_ns(given, now_ns))
@@ -163,13 +163,16 @@ async def read_batches(
         expires_ns = None
         if batch.lifetime_s is not None:
             expires_ns = at_ns + round(batch.lifetime_s * 1e9) + evidence.clocks.lives_on_ns(source)
+        # A stamp ahead of us is a clock that is ahead; taken as it is, it would outlive what is said when the
+        # clock is right again.
+        at_ns = min(at_ns, now_ns)
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
-                    held = newest.get(literal.atom) or evidence.obs.get(literal.atom)
-                    # What another source says of it, or has said since, still stands.
+                    held = newest.get((literal.atom, source)) or evidence.obs.word(literal.atom, source)
+                    # What another source says of it, or this one has said since, still stands.
                     if held is not None and held.source == source and held.time_ns <= at_ns:
-                        forgotten[literal.atom] = None
+                        retracted[literal.atom, source] = None
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
@@ -186,9 +189,9 @@ async def read_batches(
                         literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled, reading
                     )
                     entries.append(entry)
-                    newest[literal.atom] = entry
-                    if forgotten:
-                        forgotten.pop(literal.atom, None)
+                    newest[literal.atom, source] = entry
+                    if retracted:
+                        retracted.pop((literal.atom, source), None)
             except ObservationError as error:
                 _refuse(batch, refused, error)
             if turns.over:
@@ -202,7 +205,7 @@ async def read_batches(
                 _refuse(batch, refused, error)
             await turns.rest()
     dated = None not in [batch.time_ns for batch in batches]
-    return Update(entries, asserted, forgotten=tuple(forgotten), refused=refused, dated=dated)
+    return Update(entries, asserted, retracted=tuple(retracted), refused=refused, dated=dated)
 
 
 def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationError) -> None:

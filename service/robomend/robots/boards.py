@@ -175,8 +175,10 @@ def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], tim
         and ((held := obs.get(literal.atom)) is None or held.literal != literal)
     ]
     atoms = {literal.atom for literal in said}
-    gone = [entry.atom for entry in obs.entries() if entry.source == SOURCE and entry.atom not in atoms]
-    return Update(entries, forgotten=gone)
+    gone = [
+        (entry.atom, SOURCE) for entry in obs.entries() if entry.source == SOURCE and entry.atom not in atoms
+    ]
+    return Update(entries, retracted=gone)
 
 
 def _check_stop(stop: Stop) -> None:

@@ -70,6 +70,8 @@ class RobotConfig:
     hold_s: float = 0.0  # a diagnosis must hold this long before an automatic repair
     debounce_s: float = 0.0  # a diagnosis waits for OBS to be quiet this long, but at most ten times it
     period_s: float | None = None  # diagnose this often, changed or not (the paper's second)
+    believe: tuple[str, ...] = ()  # sources that count where they contradict each other, in order
+    bad_wins: bool = False  # … else what does not hold
     keep_unknown: bool = False  # keep undeclared names in OBS, unused, instead of refusing them
     engine: str = "sat"
     minimal: str = "subset"
@@ -93,7 +95,10 @@ class RobotConfig:
         read = {
             **_fields(cls, values),
             **_fields(cls, options),
-            **{name: tuple(values.get(name) or ()) for name in ("protected", "observed", "windows")},
+            **{
+                name: tuple(values.get(name) or ())
+                for name in ("protected", "observed", "windows", "believe")
+            },
             "id": robot,
             "limits": Limits(**_fields(Limits, values.get("limits") or {})),
             "allow": None if allow is None else tuple(allow),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
@@ -46,15 +46,23 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents", "_began_s")
+    __slots__ = ("_agents", "_began_s", "_moves")
 
     def __init__(self) -> None:
+        self._moves: OrderedDict[str, deque[tuple[str | None, float]]] = (
+            OrderedDict()
+        )  # to another host, when
         self._began_s = time.monotonic()
         self._agents: OrderedDict[str, tuple[Declaration, float]] = OrderedDict()
 
     def hear(self, declaration: Declaration) -> None:
         """An agent polls."""
-        self._agents.pop(declaration.agent, None)
+        before = self._agents.pop(declaration.agent, None)
+        if before is not None and before[0].host != declaration.host:
+            moves = self._moves.setdefault(declaration.agent, deque(maxlen=2))
+            moves.append((declaration.host, time.monotonic()))
+            while len(self._moves) > MOST_AGENTS:
+                self._moves.popitem(last=False)
         self._agents[declaration.agent] = (declaration, time.monotonic())
         while len(self._agents) > MOST_AGENTS:
             self._agents.popitem(last=False)
@@ -63,6 +71,15 @@ class DeclaredAgents:
         """Return what the agents that are heard say."""
         now = time.monotonic()
         return tuple(said for said, heard in self._agents.values() if now - heard < HEARD_S)
+
+    def of_one_name(self) -> list[tuple[str, tuple[str | None, ...]]]:
+        """Return the names by which agents of several hosts poll in turns, and those hosts."""
+        now = time.monotonic()
+        return [
+            (agent, tuple(host for host, _ in moves))
+            for agent, moves in self._moves.items()
+            if len(moves) == 2 and now - moves[0][1] < HEARD_S  # an agent that has moved does not move back
+        ]
 
     def all_heard(self) -> bool:
         """Return whether we have listened for so long that no agent which is there is missing."""

@@ -47,7 +47,7 @@ class Renewing:
         Raises:
             StateConflict: another instance was faster (code "stale-revision").
         """
-        more = update.forgotten or update.asserted or update.withdrawn
+        more = update.retracted or update.asserted or update.withdrawn
         if more or robot.writing or not self._reports.known(robot.id, by, update):
             return None
         revision, ran = robot.revision, False

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
-from robomend.observations.obs import Obs, consequences
+from robomend.observations.obs import Belief, Obs, Retracted, consequences
 from robomend.robots.batches import Update, Words
 from robomend.robots.circles import Circles, extended
 from robomend.robots.clock import AHEAD_NS, CLOCK
@@ -38,6 +38,17 @@ class Writing(NamedTuple):
 
     generation: int  # of what was held when it began
     began: float  # perf_counter
+
+
+NOTHING = Retracted([], [], [])
+
+
+class Applied(NamedTuple):
+    """What an update did to OBS: all that must survive a restart."""
+
+    changed: Sequence[Entry]  # what is known differs, or is contradicted from now on
+    renewed: Sequence[Entry]  # only a lifetime, a reading or another source's word does
+    forgotten: Sequence[Atom]  # nothing is known of them
 
 
 class Robot:
@@ -198,34 +209,40 @@ class Robot:
 
     # --- OBS ⊕ o
 
-    def apply(self, update: Update) -> tuple[Sequence[Entry], Sequence[Entry]]:
-        """Take an update into OBS. Return the entries that changed what is known, and those that only renewed
-        a lifetime or a reading, which must survive a restart as well. ObservationError if OBS would grow too
-        large.
-        """
+    def apply(self, update: Update) -> Applied:
+        """Take an update into OBS. ObservationError if that would grow too large."""
         changed = self.obs.update(update.entries) if update.entries else ()
         mortal = [e for e in update.entries if e.expires_ns is not None or e.reading is not None]
         renewed: dict[Atom, Entry] = {}
+        new = {entry.atom for entry in changed} if mortal or self.obs.several else set()
         if mortal:
-            new = {entry.atom for entry in changed}
             for entry in chain.from_iterable(map(consequences, mortal)):
-                if entry.atom not in new and self.obs.get(entry.atom) == entry:
-                    renewed[entry.atom] = entry
+                if entry.atom not in new and (held := self.obs.get(entry.atom)) == entry:
+                    renewed[entry.atom] = held
+        for atom in self.obs.several_of(update.entries):
+            if atom not in new and (held := self.obs.get(atom)) is not None:
+                renewed[atom] = held
         for assertion, record in update.asserted:
             self.obs.add(assertion)
             self.assertion_records[assertion.name] = record
         for name in update.withdrawn:
             self.obs.withdraw(name)
             self.assertion_records.pop(name, None)
-        if update.forgotten:
-            self.obs.forget(update.forgotten)
+        left = NOTHING
+        if update.retracted:
+            left = self.obs.retract(update.retracted)
+            touched = {*left.gone, *(entry.atom for entry in (*left.changed, *left.renewed))}
+            changed = (*[entry for entry in changed if entry.atom not in touched], *left.changed)
+            renewed = {atom: entry for atom, entry in renewed.items() if atom not in touched}
+            renewed |= {entry.atom: entry for entry in left.renewed}
         if self.system.loops:
             self._circles.hear(update.entries)
         if any(not entry.positive for entry in changed):
             self._worsened = self._head + 1
-        self.sight.hear(update.entries, changed)
-        self.sight.start_ups.hear(changed, self.system.parts, self.sight)
-        return changed, tuple(renewed.values())
+        known = [entry for entry in changed if not entry.contradicted]
+        self.sight.hear(update.entries, known)
+        self.sight.start_ups.hear(known, self.system.parts, self.sight)
+        return Applied(changed, tuple(renewed.values()), left.gone)
 
     # --- what happens to what is held
 
@@ -244,7 +261,7 @@ class Robot:
         """
         self._held = after(HELD, self._held, HeldTrigger.READ)
         self._configure(stored, model, system)
-        self.obs = Obs(obs.entries, assertions)
+        self.obs = Obs(obs.entries, assertions, Belief(self.config.believe, self.config.bad_wins))
         newest_ns = max((entry.time_ns for entry in obs.entries), default=0)
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
             CLOCK.no_earlier_than(newest_ns + AHEAD_NS)  # what was stamped since and comes now is newer

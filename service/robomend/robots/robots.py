@@ -140,12 +140,14 @@ class Robots:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
         accepted_ns = time.time_ns()
         try:
-            changed, renewed = state.apply(update)
+            applied = state.apply(update)
         except InputError:
             state.half_applied()
             raise
-        if not changed and (same := await self._renewing.keep(state, update, renewed, by, once)) is not None:
-            return same
+        if not applied.changed:
+            same = await self._renewing.keep(state, update, applied.renewed, by, once)
+            if same is not None:
+                return same
         before, started = state.head, state.sight.start_ups.unwritten()
         reports = self._reports.due(state.id, by, update)
 
@@ -154,9 +156,9 @@ class Robots:
                 tx,
                 state.id,
                 accepted=update.entries,
-                changed=changed,
-                renewed=renewed,
-                forgotten=update.forgotten,
+                changed=applied.changed,
+                renewed=applied.renewed,
+                forgotten=applied.forgotten,
                 asserted=[record for _, record in update.asserted],
                 withdrawn=update.withdrawn,
                 expected=before,
@@ -166,7 +168,8 @@ class Robots:
             note(tx, state.id, by, update, revision, reports)
             if started:
                 start_ups.keep(tx, state.id, started)
-            return {"revision": revision, "changed": [str(entry.literal) for entry in changed]}
+            changed = [str(entry.literal) for entry in applied.changed if not entry.contradicted]
+            return {"revision": revision, "changed": changed}
 
         written = await self.diagnosing.write(state, batch, once)
         if reports:

@@ -22,7 +22,7 @@ from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import DeclaredAgents, Delays
-from robomend.robots.evidence import Dating
+from robomend.robots.evidence import Dating, Twins
 from robomend.robots.source_clocks import SourceClocks
 from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
@@ -62,6 +62,7 @@ class Sight:
         "_settle",
         "declared",
         "start_ups",
+        "twins",
         "unconfirmed",
     )
 
@@ -78,6 +79,7 @@ class Sight:
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.start_ups = StartUps()
+        self.twins = Twins()
         self.unconfirmed = Unconfirmed()
 
     # --- what is seen
@@ -352,7 +354,7 @@ class Sight:
         # are samples again it stands still, until the observer has settled: what is heard again is not known
         # to be bad. What is bad for longer is so by its samples, at a wrong rate, and as of the report.
         silent_until_ns = entry.since_ns + delays.detection_ns
-        told_ns = entry.time_ns + self._clocks.lives_on_ns(entry.source)
+        told_ns = entry.time_ns + max(0, self._clocks.lives_on_ns(entry.source))
         if told_ns <= silent_until_ns:
             return silent_until_ns
         return told_ns if told_ns - silent_until_ns >= delays.settling_ns else entry.since_ns
@@ -371,12 +373,16 @@ class Sight:
 
     def told_ns(self, source: str, time_ns: int) -> int:
         """Return when a source said something, by this computer's clock: the source's may be a minute off."""
-        by_ours = time_ns + self._clocks.lives_on_ns(source)
+        by_ours = time_ns + max(0, self._clocks.lives_on_ns(source))
         return min(by_ours, CLOCK.now_ns()) - CLOCK.ahead_ns
 
     def evidence(self) -> Dating:
         """Return what dates the observations of a batch."""
-        return Dating(self._robot.obs, self._clocks, self._usual_ns)
+        return Dating(self._robot.obs, self._clocks, self._usual_ns, self.twins)
+
+    def sources(self) -> frozenset[str]:
+        """Return who has reported anything since the service started, as far as it is remembered."""
+        return self._clocks.sources()
 
     @property
     def _usual_ns(self) -> int:

@@ -4,7 +4,7 @@ The offset of a source is the least of (arrival − stamp) over its latest batch
 needed on its way is all that it is wrong by. A batch that waited on a disk looks old, and is. As long as few
 were heard, a stamp in the past is taken as it is: whether a clock is behind or a batch was late, one cannot
 tell, and to take old evidence for young would be the worse mistake. A stamp ahead of us is a clock that is
-ahead.
+ahead; it is right again once ENOUGH batches in a row have come as fast as if it were.
 
 Where a source is far behind us, the times of its batches are brought to our clock, as OBS is ordered by them.
 So it is too, and at once, where our own clock is ahead of the computer's: it was set back, and goes on from
@@ -27,6 +27,9 @@ ENOUGH = 4
 
 SPREAD_NS = 250_000_000
 """… if so many of them needed the same time on their way, within this."""
+
+RIGHT_NS = 10**9
+"""Within this of the time of its arrival, a batch may be stamped by a clock that is right."""
 
 FAR_NS = 60 * 10**9
 """So far apart, clocks are no longer taken for equal where observations are ordered."""
@@ -56,6 +59,12 @@ class SourceClocks:
                 self._offsets.pop(oldest, None)
         delays.append(arrival_ns - time_ns)
         least = min(delays)
+        if least < -RIGHT_NS and len(delays) > ENOUGH:
+            latest = [*delays][-ENOUGH:]
+            if min(latest) >= 0 and max(latest) <= RIGHT_NS:
+                delays.clear()
+                delays.extend(latest)
+                least = min(latest)
         if least > 0:
             alike = sorted(delays)[:ENOUGH]
             if len(alike) < ENOUGH or alike[-1] - least > SPREAD_NS:
@@ -65,6 +74,10 @@ class SourceClocks:
             self._note(source, behind_ns)
         self._offsets[source] = least
         return least
+
+    def sources(self) -> frozenset[str]:
+        """Return whose clocks are followed."""
+        return frozenset(self._delays)
 
     def spread_ns(self) -> int | None:
         """Return by how much the latest batches of any source differed in how long they were on their way.

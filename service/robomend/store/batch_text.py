@@ -114,6 +114,9 @@ def told(revision: int, changed: Iterable[Entry], forgotten: Iterable[Atom], acc
     literals, atoms = [], [*map(str, forgotten)]
     readings: dict[str, Any] = {}
     for entry in changed:
+        if entry.contradicted:
+            atoms.append(str(entry.atom))
+            continue
         literals.append(literal := str(entry.literal))
         if entry.reading is not None:
             readings[literal] = entry.measured()

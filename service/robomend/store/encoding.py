@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from robomend.entry import Entry
+from robomend.entry import Entry, Word
 from robomend.errors import InputError
 from robomend.store.records import Json
 from robomend_client.literals import Atom, Literal
@@ -151,8 +151,30 @@ def atom_from_text(text: str) -> Atom:
 
 
 def more_of(entry: Entry) -> str | None:
-    """Return what only some entries of OBS have, as JSON: `r`, the reading."""
-    return None if entry.reading is None else _COMPACT.encode({"r": entry.reading.as_json()})
+    """Return what only some entries of OBS have, as JSON; None for those that have none of it.
+
+    `r` is the reading, `s` the last word of each of several sources: the columns of an entry from `positive`
+    to `settled`, its `more`, the time of the report before it.
+    """
+    if entry.reading is None and not entry.by_source:
+        return None
+    more: dict[str, Any] = {} if entry.reading is None else {"r": entry.reading.as_json()}
+    if entry.by_source:
+        more["s"] = [
+            [
+                said.positive,
+                checked(said.source),
+                said.time_ns,
+                said.expires_ns,
+                said.since_ns,
+                said.onset_ns,
+                said.settled,
+                None if said.reading is None else {"r": said.reading.as_json()},
+                before_ns,
+            ]
+            for said, before_ns in entry.by_source
+        ]
+    return _COMPACT.encode(more)
 
 
 def entry_of(
@@ -166,5 +188,10 @@ def entry_of(
     more: Mapping[str, Any] | None = None,
 ) -> Entry:
     """Return an entry of OBS from its columns."""
-    reading = None if more is None else Reading.from_json(more["r"])
-    return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading)
+    if more is None:
+        return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled)
+    words = tuple(
+        Word(entry_of(Literal(literal.atom, row[0]), *row[1:8]), row[8]) for row in more.get("s", ())
+    )
+    reading = Reading.from_json(more["r"]) if "r" in more else None
+    return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading, words)

@@ -89,6 +89,9 @@ class CurrentDiagnosis(Out):
     expected_stopped: list[str] = Field(
         default=[], description="nodes that are meant to be stopped: that they do not run is no fault here"
     )
+    findings: list[str] = Field(
+        default=[], description="about what sources contradict each other now, which no diagnosis explains"
+    )
 
 
 class AskBody(In):

@@ -175,6 +175,22 @@ class ReadingOut(Out):
     text: str = Field(examples=["19.1 V, at least 22"])
 
 
+class SourceWord(Out):
+    """The last word of one source."""
+
+    literal: str = Field(examples=["not ok(scan)"])
+    source: str
+    time_ns: int
+    time: Moment = moment_of("time_ns")
+    expires_ns: int | None = None
+    expires: Moment | None = moment_of("expires_ns")
+    since_ns: int | None = None
+    since: Moment | None = moment_of("since_ns")
+    onset_ns: int | None = Field(None, description="the beginning of saying so")
+    onset: Moment | None = moment_of("onset_ns")
+    reading: ReadingOut | None = None
+
+
 class ObservedLiteral(Out):
     """One literal of OBS."""
 
@@ -189,9 +205,11 @@ class ObservedLiteral(Out):
     onset_ns: int | None = Field(None, description="the last good sample before it turned bad")
     onset: Moment | None = moment_of("onset_ns")
     confirmed: bool = Field(True, description="false: from before an act that may have changed it")
-    fresh: bool = Field(description="false: it has outlived its lifetime and is unknown")
+    fresh: bool = Field(description="false: it is unknown: outlived, or contradicted")
     used: bool = Field(description="false: no rule of the model mentions it")
     reading: ReadingOut | None = Field(None, description="what was measured, in the newest report")
+    contradicted: bool = Field(False, description="true: sources contradict each other, and it is unknown")
+    by_source: list[SourceWord] = Field([], description="where several sources speak of it, what each says")
 
 
 class AssertionOut(Out):

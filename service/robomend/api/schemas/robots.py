@@ -198,6 +198,17 @@ class RobotBody(In):
         le=86400,
         description="diagnose every so many seconds, changed or not; null: when something changed",
     )
+    believe: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(
+        default=[],
+        max_length=100,
+        description="sources of observations, in this order, that are believed where sources contradict each "
+        "other",
+    )
+    bad_wins: bool = Field(
+        default=False,
+        description="what does not hold is believed where sources contradict each other and none of "
+        "`believe` takes part; false: it is unknown then",
+    )
     unknown: Literal["refuse", "keep"] = Field(
         default="refuse",
         description="what is done with names that the model does not declare: refused, or kept unused",

@@ -1,0 +1,269 @@
+"""Several sources of one atom: who counts, and when they contradict each other, in any order of arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.entry import Entry
+from robomend.observations.obs import MAX_SOURCES, Belief, Obs, until_ns
+from robomend_client.literals import Atom, Literal
+
+SCAN = Atom("ok", ("scan",))
+S = 10**9
+
+
+def said(
+    source: str,
+    holds: bool,
+    at_s: float,
+    since_s: float | None = None,
+    onset_s: float | None = None,
+    lifetime_s: float | None = 5,
+) -> Entry:
+    """Return a report, by default with evidence of the moment and a lifetime."""
+
+    def ns(time_s: float) -> int:
+        return round(time_s * S)
+
+    since_s = at_s if since_s is None else since_s
+    expires_ns = None if lifetime_s is None else ns(at_s + lifetime_s)
+    onset_ns = None if onset_s is None else ns(onset_s)
+    return Entry(Literal(SCAN, holds), source, ns(at_s), expires_ns, ns(since_s), onset_ns)
+
+
+def after(*reports: Entry, belief: Belief | None = None) -> Obs:
+    obs = Obs(belief=belief or Belief())
+    for report in reports:
+        obs.update([report])
+    return obs
+
+
+def known(obs: Obs, at_s: float) -> bool | None:
+    return obs.known(SCAN, round(at_s * S))
+
+
+def names(obs: Obs, at_s: float) -> list[tuple[list[str], list[str], str | None]]:
+    """Return who contradicts whom, and who is believed."""
+    return [
+        (
+            sorted(entry.source for entry in one.holds),
+            sorted(entry.source for entry in one.fails),
+            None if one.believed is None else one.believed.source,
+        )
+        for one in obs.contradictions(round(at_s * S))
+    ]
+
+
+A_HEARS = [said("a", True, at, at - 0.5, 0) for at in (2, 4, 6, 8)]
+B_DOES_NOT = [said("b", False, at, at - 0.5, 3) for at in (3.5, 5.5, 7.5)]
+B_DID = said("b", True, 1.5, 1, 0)
+BOTH = sorted([B_DID, *A_HEARS, *B_DOES_NOT], key=lambda entry: entry.time_ns)
+
+
+def test_what_one_computer_hears_and_another_does_not_is_unknown_and_told() -> None:
+    obs = Obs()
+    values = []
+    for report in BOTH:
+        obs.update([report])
+        values.append(obs.known(SCAN, report.time_ns))
+    # a hears it; then b's silence is news; a stands by its own, with evidence from after b's onset.
+    assert values == [True, True, False, None, None, None, None, None]
+    assert names(obs, 8.1) == [(["a"], ["b"], None)]
+    assert obs.literals(8 * S) == ()
+
+
+def test_that_they_contradict_each_other_is_news_once_and_its_end_too() -> None:
+    obs = after(*BOTH[:3])
+    [begins] = obs.update([BOTH[3]])
+    assert begins.contradicted
+    assert all(obs.update([report]) == () for report in BOTH[4:])
+    [ends] = obs.update([said("a", False, 8.6, 8.1)])
+    assert (ends.literal, ends.contradicted) == (Literal(SCAN, False), False)
+    assert names(obs, 8.6) == []
+
+
+@pytest.mark.parametrize(
+    ("belief", "value", "who"),
+    [
+        (Belief(("b", "a")), False, "b"),
+        (Belief(("c", "a", "b")), True, "a"),
+        (Belief(("c",)), None, None),
+        (Belief(("c",), bad_wins=True), False, "b"),
+        (Belief(("a",), bad_wins=True), True, "a"),
+    ],
+)
+def test_the_robots_configuration_says_who_is_believed(
+    belief: Belief, value: bool | None, who: str | None
+) -> None:
+    obs = after(*BOTH, belief=belief)
+    assert known(obs, 8.1) is value
+    assert names(obs, 8.1) == [(["a"], ["b"], who)]  # it is a finding all the same
+
+
+def test_who_is_believed_counts_only_where_sources_contradict_each_other() -> None:
+    obs = after(said("a", True, 1), said("b", False, 2, 1.5, 1.5), belief=Belief(("a",)))
+    assert known(obs, 2) is False
+
+
+def test_one_that_is_later_contradicts_nobody() -> None:
+    """a needs longer than b to see that the topic is silent, and that it is back."""
+    obs = after(said("a", True, 9.8, 9.0, 0), said("b", True, 9.9, 9.4, 0))
+    obs.update([said("b", False, 10.5, 10.0, 9.98)])
+    assert known(obs, 10.5) is False
+    obs.update([said("a", True, 11.8, 9.1, 0)])  # its heartbeat, by samples from before
+    assert known(obs, 11.8) is False
+    obs.update([said("a", False, 12.5, 10.0, 9.98)])
+    obs.update([said("a", True, 20.6, 20.0)])
+    assert known(obs, 20.6) is True
+    obs.update([said("b", False, 21.0, 19.9, 9.98)])
+    assert known(obs, 21.0) is True
+    assert obs.update([said("b", True, 21.5, 20.0)]) == ()
+    assert names(obs, 21.5) == []
+
+
+def test_a_person_overrides_an_agent_until_that_speaks_again() -> None:
+    obs = after(said("a", True, 1, 0.5, 0), said("person", False, 2, lifetime_s=None))
+    assert known(obs, 2) is False
+    obs.update([said("a", True, 3, 2.5, 0)])
+    assert known(obs, 3) is True
+    assert names(obs, 3) == []
+
+
+def test_what_was_looked_at_once_gives_way_to_who_looks_later() -> None:
+    obs = after(said("a", True, 1, 0.5, 0), said("person", False, 2, lifetime_s=3600))
+    assert known(obs, 2) is False
+    obs.update([said("a", True, 3, 2.5, 0)])
+    assert known(obs, 3) is True
+    assert names(obs, 3) == []
+
+
+def test_sources_without_lifetimes_contradict_each_other_while_they_repeat_themselves() -> None:
+    reports = []
+    for at in range(1, 6):
+        reports += [said("a", True, at, at - 0.1, 0, None), said("b", False, at + 0.5, at + 0.4, 1, None)]
+    obs = after(*reports)
+    assert known(obs, 6) is None
+    assert names(obs, 6) == [(["a"], ["b"], None)]
+    assert names(obs, 60) == []
+    obs.update([said("b", False, 30, 29.9, 1, None)])  # nobody has heard a for a long time
+    assert known(obs, 30) is False
+
+
+def test_one_that_died_contradicts_nobody() -> None:
+    obs = after(*BOTH)
+    assert names(obs, 12.6) == []  # b's word is over
+    obs.update([said("a", True, 14, 13.5, 0)])
+    assert known(obs, 14) is True
+    assert not obs.several or len(obs.entries()[0].by_source) <= 2
+
+
+def test_what_a_source_knows_no_more_is_known_by_the_others() -> None:
+    obs = after(*BOTH)
+    left = obs.retract([(SCAN, "a")])
+    assert [entry.literal for entry in left.changed] == [Literal(SCAN, False)]
+    assert (left.renewed, left.gone) == ([], [])
+    assert known(obs, 8) is False
+    assert obs.retract([(SCAN, "b")]).gone == [SCAN]
+    assert obs.get(SCAN) is None
+
+
+def test_the_word_of_a_source_that_does_not_count_goes_without_news() -> None:
+    obs = after(said("a", True, 1, 0.5, 0), said("b", True, 2, 1.5, 0))
+    left = obs.retract([(SCAN, "a")])
+    assert (left.changed, left.gone) == ([], [])
+    assert [entry.source for entry in left.renewed] == ["b"]
+    assert not obs.several
+
+
+def test_what_one_said_once_does_not_come_back() -> None:
+    obs = after(said("person", False, 1, lifetime_s=None), said("a", True, 2, 1.5, 1.5))
+    assert obs.retract([(SCAN, "a")]).gone == [SCAN]
+
+
+def test_an_opposite_word_that_may_be_late_is_doubt() -> None:
+    obs = after(said("a", True, 1, 0.5, 0), said("b", False, 2, 1.5, 1.2))
+    assert obs.doubted(2 * S) == {SCAN: 6 * S}
+    obs.update([said("a", False, 2.5, 1.6, 1.2)])
+    assert obs.doubted(round(2.5 * S)) == {}
+
+
+def test_what_is_kept_rebuilds_it_and_who_is_believed_may_be_another() -> None:
+    obs = after(*BOTH)
+    again = Obs(obs.entries())
+    assert known(again, 8.1) is None
+    assert names(again, 8.1) == names(obs, 8.1)
+    assert known(Obs(obs.entries(), belief=Belief(bad_wins=True)), 8.1) is False
+    assert known(Obs(obs.entries(), belief=Belief(("a",))), 8.1) is True
+
+
+def test_the_sources_of_an_atom_are_bounded() -> None:
+    obs = Obs()
+    for n in range(1000):
+        obs.update([said(f"s{n}", n % 2 == 0, 1 + n / 1000, 0.5 + n / 1000, 0, 3600)])
+    assert len(obs.entries()[0].by_source) == MAX_SOURCES
+    assert len(obs) == 1
+
+
+REPORTS = st.lists(
+    st.tuples(
+        st.sampled_from("abc"),
+        st.booleans(),
+        st.integers(0, 8),  # how far the evidence reaches back
+        st.integers(0, 12),  # … and the beginning of it
+        st.sampled_from([None, 3, 9]),
+        st.integers(1, 6),  # after the report before
+    ),
+    min_size=1,
+    max_size=9,
+)
+
+
+def reported(rows: Sequence[tuple[str, bool, int, int, int | None, int]]) -> list[Entry]:
+    found, at = [], 100
+    for source, holds, since, onset, lifetime, gap in rows:
+        at += gap
+        begin = at - since
+        found.append(said(source, holds, at, begin, min(begin, at - onset), lifetime))
+    return found
+
+
+def state(obs: Obs, at_s: float) -> tuple[object, ...]:
+    entry = obs.get(SCAN)
+    assert entry is not None
+    words = {word.entry.source: (word.entry, until_ns(word)) for word in entry.by_source}
+    return known(obs, at_s), replace(entry, by_source=()), words, names(obs, at_s)
+
+
+@given(REPORTS, st.data())
+def test_the_order_of_arrival_does_not_matter(
+    rows: Sequence[tuple[str, bool, int, int, int | None, int]], data: st.DataObject
+) -> None:
+    in_time = reported(rows)
+    shuffled = data.draw(st.permutations(in_time))
+    at_s = in_time[-1].time_ns / S
+    assert state(after(*in_time), at_s) == state(after(*shuffled), at_s)
+
+
+@given(REPORTS)
+def test_what_is_known_was_said_by_somebody_who_counts(
+    rows: Sequence[tuple[str, bool, int, int, int | None, int]],
+) -> None:
+    """Where all say the same, that is known; the cached answer is the true one, and so is the rebuilt one."""
+    obs = Obs()
+    for report in reported(rows):
+        changed = obs.update([report])
+        entry, at_ns = obs.get(SCAN), report.time_ns
+        assert entry is not None
+        last = {word.entry.source: word.entry for word in entry.by_source} or {entry.source: entry}
+        value = obs.known(SCAN, at_ns)
+        if len({word.positive for word in last.values()}) == 1:
+            assert value is entry.positive or not entry.fresh(at_ns)
+        assert obs.literals(at_ns) == (() if value is None else (Literal(SCAN, value),))
+        assert obs.known_literals(at_ns) == frozenset(obs.literals(at_ns))
+        assert len(changed) <= 1
+        assert Obs(obs.entries()).get(SCAN) == entry
