@@ -7,12 +7,12 @@ takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
 configured anew, the back-off of a quarantine ends, OBS shows the model's `act_when` that it did not show
-then, or who was silent is heard. What was tried in vain may be repairable later (a device has booted, somebody
-has plugged it in), and what a part of the service failed at is none of the robot's doing: both are taken up
-again by themselves, after a back-off that doubles, up to once an hour. That what was bad lapsed, and is bad
-again, may be an agent that went away and came back: it is tried again, but the next time only after LAPSED_S,
-and twice as much each time until all is seen to be well. Those who report more rarely than the lifetimes they
-give would be repaired for ever.
+then, an agent says that it can do something else, or who was silent is heard. What was tried in vain may be
+repairable later (a device has booted, somebody has plugged it in), and what a part of the service failed at
+is none of the robot's doing: both are taken up again by themselves, after a back-off that doubles. That what
+was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried again, but the
+next time only after LAPSED_S, and twice as much each time until all is seen to be well. Those who report more
+rarely than the lifetimes they give would be repaired for ever.
 """
 
 from __future__ import annotations
