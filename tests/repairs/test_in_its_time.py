@@ -20,10 +20,10 @@ from tests.repairs.robot import (
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
-from robomend.repairs import live_repair, reasons
+from robomend.repairs import live_repair, permission, reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import Timing
-from robomend.repairs.looking import DENIED
+from robomend.repairs.looking import DENIED, LOOK_S
 from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
@@ -223,3 +223,24 @@ async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: P
     assert (blind["state"], blind["rounds"]) == ("escalated", [])
     assert "nobody reported on(imu)" in blind["reason"]
     assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])
+
+
+async def test_a_flicker_withdraws_no_plan_that_waits_for_a_yes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(permission, "FLICKER_S", 20.0)
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        asked = await the_repair(runtime, ended=False)
+        robot.running["mapping"] = True
+        async with asyncio.timeout(30):
+            while not (current := (await runtime.robots.diagnosed("r1")).current) or not current.healthy:
+                await asyncio.sleep(0.02)
+        await asyncio.sleep(3 * LOOK_S)  # long enough to be looked at: the flicker itself is what is tested
+        assert (await the_repair(runtime, ended=False))["id"] == asked["id"]
+        await runtime.repairs.approve(asked["id"], by="ann", reason="")
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert (repair["id"], repair["state"]) == (asked["id"], "repaired")
+    assert robot.done == ["start_node(mapping)"]
