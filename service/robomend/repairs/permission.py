@@ -95,7 +95,7 @@ class Permission:
             return not self._signals.halt.is_set()
         self._signals.ask()  # before the question can be seen, or a quick yes would be lost
         await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
-        stands = Stands(self._state, choice, self._record.data, self._newest)
+        stands = Stands(self._state, choice, self._record.data, self._newest, self._chooser)
         decided = False
         while not (await stands.now() and decided):  # a yes in the middle of a flicker waits for its end
             if decided:
@@ -130,9 +130,14 @@ class Stands:
         choice: Choice,
         written: Json,
         newest: Callable[[], Awaitable[DiagnosisResult]],
+        chooser: Chooser,
     ) -> None:
         assert choice.diagnosis is not None
+        assert choice.plan is not None
         self._state = state
+        self._plan = choice.plan
+        self._chooser = chooser
+        self._agents: tuple[int, bool] | None = None  # what was known of the agents when they were looked at
         self._bad = frozenset(choice.diagnosis.bad)
         self._written = written
         self._newest = newest
@@ -142,7 +147,12 @@ class Stands:
         self._gone_s: float | None = None  # since when it is not blamed, monotonic
 
     async def now(self) -> bool:
-        """Return whether it is blamed; Overtaken: it is not any more."""
+        """Return whether it is blamed; Overtaken: it is not any more, or nobody carries the plan out."""
+        declared = self._state.sight.declared
+        if self._agents != (agents := (declared.changes, declared.all_heard())):
+            if (nobody := await self._chooser.nobody_does(self._state, self._plan)) is not None:
+                raise Overtaken(f"{nobody}: the plan no longer applies")
+            self._agents = agents
         result = await self._newest()
         if any(self._bad <= set(diagnosis.bad) for diagnosis in result.diagnoses):
             self._gone_s = None

@@ -46,15 +46,19 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents", "_began_s")
+    __slots__ = ("_agents", "_began_s", "changes")
 
     def __init__(self) -> None:
+        self.changes = 0  # grows when what the agents can do changes
         self._began_s = time.monotonic()
         self._agents: OrderedDict[str, tuple[Declaration, float]] = OrderedDict()
 
     def hear(self, declaration: Declaration) -> None:
         """An agent polls."""
-        self._agents.pop(declaration.agent, None)
+        before, heard_s = self._agents.pop(declaration.agent, (None, 0.0))
+        away = time.monotonic() - heard_s >= HEARD_S
+        if before is None or away or (before.host, before.can) != (declaration.host, declaration.can):
+            self.changes += 1
         self._agents[declaration.agent] = (declaration, time.monotonic())
         while len(self._agents) > MOST_AGENTS:
             self._agents.popitem(last=False)
