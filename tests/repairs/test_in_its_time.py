@@ -20,10 +20,10 @@ from tests.repairs.robot import (
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
-from robomend.repairs import live_repair, reasons
+from robomend.repairs import live_repair, permission, reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import Timing
-from robomend.repairs.looking import DENIED
+from robomend.repairs.looking import DENIED, LOOK_S
 from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
@@ -223,3 +223,63 @@ async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: P
     assert (blind["state"], blind["rounds"]) == ("escalated", [])
     assert "nobody reported on(imu)" in blind["reason"]
     assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])
+
+
+async def test_a_flicker_withdraws_no_plan_that_waits_for_a_yes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(permission, "FLICKER_S", 20.0)
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        asked = await the_repair(runtime, ended=False)
+        robot.running["mapping"] = True
+        async with asyncio.timeout(30):
+            while not (current := (await runtime.robots.diagnosed("r1")).current) or not current.healthy:
+                await asyncio.sleep(0.02)
+        await asyncio.sleep(3 * LOOK_S)  # long enough to be looked at: the flicker itself is what is tested
+        assert (await the_repair(runtime, ended=False))["id"] == asked["id"]
+        await runtime.repairs.approve(asked["id"], by="ann", reason="")
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert (repair["id"], repair["state"]) == (asked["id"], "repaired")
+    assert robot.done == ["start_node(mapping)"]
+
+
+async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
+
+    async def polls(*can: str) -> None:
+        await runtime.repairs.orders("r1", host=None, wait_s=0.0, agent="onboard", can=can)
+
+    async def asked_anew(before: str) -> dict[str, Any]:
+        async with asyncio.timeout(60):
+            while (found := await the_repair(runtime, ended=False))["id"] == before:
+                await asyncio.sleep(0.05)  # until the next look
+        return found
+
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", {**CONFIG, "policy": "approve"}, expected=None, by="test")
+        robot = Robot(runtime.repairs, runtime.robots)
+        robot.running["mapping"] = False
+        reporting = asyncio.create_task(robot.report_for_ever())  # its agent has not asked for work yet
+        try:
+            first = await the_repair(runtime, ended=False)
+            await polls("start_node:lidar_node")
+            dropped = await the_repair(runtime)
+            if dropped["id"] == first["id"]:
+                nobody = await next_repair(runtime, first["id"])
+            else:
+                dropped, nobody = dict(await runtime.repairs.repair(first["id"])), dropped
+            await polls("start_node:lidar_node", "start_node:mapping")
+            second = await asked_anew(first["id"])
+        finally:
+            reporting.cancel()
+    assert [step["text"] for step in first["plan"]] == ["start_node(mapping)"]
+    assert dropped["state"] == "cancelled"
+    assert "no agent offers it" in dropped["reason"]
+    assert (nobody["state"], nobody["rounds"]) == ("escalated", [])
+    assert [step["text"] for step in second["plan"]] == ["start_node(mapping)"]

@@ -120,6 +120,15 @@ class Chooser:
         patience = self.patience_with(state)
         return await self._store.read(lambda view: remembered(view, state.id, patience, suspected, since_ns))
 
+    async def nobody_does(self, state: Robot, plan: Plan) -> str | None:
+        """Return why a step of a plan would find nobody, by what the agents say now; or None."""
+        parts = state.system.parts
+        offers = None
+        if parts is not None:
+            offers = await offers_if_all(state, parts, await self.actions(state), self._store)
+        found = () if offers is None else ((s, offers.why_nobody(s.name, s.parameters)) for s in plan.steps)
+        return next((f"{step}: {why}" for step, why in found if why is not None), None)
+
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
         since = time.time_ns() - HOUR_NS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
 
@@ -13,11 +14,17 @@ from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NotPermitted, Overtaken, named, unseen
 from robomend.repairs.hearing import LOOK_S
-from robomend.repairs.record import RepairRecord, approval
+from robomend.repairs.record import Json, RepairRecord, approval
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
+
+FLICKER_S = 1.0
+"""What a plan was made for has to be gone for so long, or as long as its observers need to settle …"""
+
+MOST_FLICKER_S = 30.0
+"""… and no longer than this, before a plan that waits for a yes is withdrawn."""
 
 TELL_S = 1.0
 """Waits that take longer are written into the record."""
@@ -88,11 +95,14 @@ class Permission:
             return not self._signals.halt.is_set()
         self._signals.ask()  # before the question can be seen, or a quick yes would be lost
         await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
-        while not await self._signals.decided(LOOK_S):
+        stands = Stands(self._state, choice, self._record.data, self._newest, self._chooser)
+        decided = False
+        while not (await stands.now() and decided):  # a yes in the middle of a flicker waits for its end
+            if decided:
+                await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
+            decided = await self._signals.decided(0.0 if decided else LOOK_S)
             if self._signals.halt.is_set():
                 return False
-            self._check_stands(choice, await self._newest())
-        self._check_stands(choice, await self._newest())
         by = self._signals.by
         await self._record.update(
             RepairTrigger.APPROVED,
@@ -108,10 +118,50 @@ class Permission:
         given = self._record.data.get("approved")
         return given is not None and Counter(map(str, steps)) <= Counter(given["steps"])
 
-    def _check_stands(self, choice: Choice, result: DiagnosisResult) -> None:
+
+class Stands:
+    """Whether what a plan was made for is still blamed. What goes for a moment has not ended, as what comes
+    for a moment has not begun: it has to be gone for as long as its observers may need to see it again.
+    """
+
+    def __init__(
+        self,
+        state: Robot,
+        choice: Choice,
+        written: Json,
+        newest: Callable[[], Awaitable[DiagnosisResult]],
+        chooser: Chooser,
+    ) -> None:
         assert choice.diagnosis is not None
-        if not any(set(d.bad) >= set(choice.diagnosis.bad) for d in result.diagnoses):
-            now = "the diagnosis is another one now"
-            if result.healthy:
-                now = unseen(self._state, self._record.data) or "the robot is healthy again"
-            raise Overtaken(f"{now}: the plan no longer applies")
+        assert choice.plan is not None
+        self._state = state
+        self._plan = choice.plan
+        self._chooser = chooser
+        self._agents: tuple[int, bool] | None = None  # what was known of the agents when they were looked at
+        self._bad = frozenset(choice.diagnosis.bad)
+        self._written = written
+        self._newest = newest
+        symptoms = (entry.atom for entry in state.sight.entries() if not entry.positive)
+        settling_ns = max((state.sight.delays(atom).settling_ns for atom in symptoms), default=0)
+        self._gone_for_s = min(max(settling_ns / 1e9, FLICKER_S), MOST_FLICKER_S)
+        self._gone_s: float | None = None  # since when it is not blamed, monotonic
+
+    async def now(self) -> bool:
+        """Return whether it is blamed; Overtaken: it is not any more, or nobody carries the plan out."""
+        declared = self._state.sight.declared
+        if self._agents != (agents := (declared.changes, declared.all_heard())):
+            if (nobody := await self._chooser.nobody_does(self._state, self._plan)) is not None:
+                raise Overtaken(f"{nobody}: the plan no longer applies")
+            self._agents = agents
+        result = await self._newest()
+        if any(self._bad <= set(diagnosis.bad) for diagnosis in result.diagnoses):
+            self._gone_s = None
+            return True
+        if self._gone_s is None:
+            self._gone_s = time.monotonic()
+        if time.monotonic() - self._gone_s < self._gone_for_s:
+            return False
+        now = "the diagnosis is another one now"
+        if result.healthy:
+            now = unseen(self._state, self._written) or "the robot is healthy again"
+        raise Overtaken(f"{now}: the plan no longer applies")

@@ -7,12 +7,12 @@ takes longer anyway, and is asked nothing that would be withdrawn at once.
 
 What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
 configured anew, the back-off of a quarantine ends, OBS shows the model's `act_when` that it did not show
-then, or who was silent is heard. What was tried in vain may be repairable later (a device has booted, a cable
-is plugged in), and what a part of the service failed at is none of the robot's doing: both are taken up
-again by themselves, after a back-off that doubles, up to once an hour. That what was bad lapsed, and is bad
-again, may be an agent that went away and came back: it is tried again, but the next time only after LAPSED_S,
-and twice as much each time until all is seen to be well. Those who report more rarely than the lifetimes they
-give would be repaired for ever.
+then, an agent says that it can do something else, or who was silent is heard. What was tried in vain may be
+repairable later (a device has booted, somebody has plugged it in), and what a part of the service failed at
+is none of the robot's doing: both are taken up again by themselves, after a back-off that doubles. That what
+was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried again, but the
+next time only after LAPSED_S, and twice as much each time until all is seen to be well. Those who report more
+rarely than the lifetimes they give would be repaired for ever.
 """
 
 from __future__ import annotations
@@ -66,6 +66,7 @@ class ReasonsToRepair:
         )
         self._taken_up: Json | None = None  # the same, once its back-off is over
         self._unheard = False  # it ended as observers were silent: worth a try when they are not
+        self._agents: int | None = None  # what the agents could do when it ended without having done anything
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
         self._symptoms: frozenset[Atom] | None = None  # what did not hold then; None: nobody knows any more
@@ -109,6 +110,7 @@ class ReasonsToRepair:
         untouched: bool = False,
         unlasting: bool = False,
         takes_up: Json | None = None,
+        agents: int | None = None,
     ) -> None:
         """A repair has ended; `blamed` are the bad sets that it could not mend.
 
@@ -118,10 +120,11 @@ class ReasonsToRepair:
             untouched: nothing was done about them.
             unlasting: repairs of them helped, and did not last.
             takes_up: what the repair that begins after `retry_ns` is told of this one.
+            agents: what the agents could do (`DeclaredAgents.changes`), if it may have been too little.
         """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
         self._symptoms, self._lapsed = symptoms, False
-        self.again, self._taken_up, self._unheard = None, takes_up, unheard
+        self.again, self._taken_up, self._unheard, self._agents = None, takes_up, unheard, agents
         self._untouched = blamed if untouched and not unlasting else None
         if unlasting:
             self._does_not_last()
@@ -179,6 +182,8 @@ class ReasonsToRepair:
             self.given_up = self.retry_ns = None
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
+        if self._agents is not None and state.sight.declared.changes != self._agents:
+            self.given_up = self._agents = None
         if self._unheard and all(map(state.sight.reported, state.sight.observed)):
             self.given_up, self._unheard = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None

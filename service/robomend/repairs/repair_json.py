@@ -67,6 +67,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "drill": data.get("drill"),
         "again": data.get("again"),
         "retry_ns": data.get("retry_ns"),
+        "retry": None if data.get("retry_ns") is None else rfc3339(data["retry_ns"]),
         "round": data.get("round", 0),
         "diagnosis": data.get("diagnosis"),
         "plan": plan,

@@ -260,7 +260,10 @@ class Repairs:
         state = await self._needs.robots.memory.robot(robot)
         atoms = observes or {}
         who = agent or host or "agent"
+        before = state.sight.declared.changes
         state.sight.declared.hear(declaration(who, host, can, atoms, state.system.vocabulary))
+        if state.sight.declared.changes != before:
+            self._loops.wake(robot)
         agents = self._needs.agents
         action = await agents.take(
             robot,

@@ -105,6 +105,12 @@ class RobotLoops:
         if loop is not None and loop.fence == fence:
             self._tasks[fence.robot].cancel()
 
+    def wake(self, robot: str) -> None:
+        """What the agents of a robot can do has changed."""
+        loop = self._loops.get(robot)
+        if loop is not None:
+            loop.wake()
+
     def _poke(self, state: Robot) -> None:
         loop = self._loops.get(state.id)
         if loop is not None:

@@ -74,6 +74,10 @@ class RobotRepairs:
         self._reasons.reconsider()
         self._news.set()
 
+    def wake(self) -> None:
+        """What the agents can do has changed."""
+        self._news.set()
+
     def stopped(self) -> None:
         """The global stop changed."""
         stop = self._needs.switch.stop
@@ -236,12 +240,18 @@ class RobotRepairs:
         why = {"interlocked": interlocked, "unlasting": unlasting, "unheard": person and unheard}
         untouched = person and not record.data.get("rounds")
         broke, again = end is RepairTrigger.BROKE, None
-        in_vain = (person and not untouched) or bool(record.data.get("again"))  # it had something to try
+        in_vain = person and (not untouched or bool(record.data.get("again")))  # it had something to try
         if gives_up and retry_ns is None and not interlocked and (broke or in_vain):
             retry_ns, again = takes_up(record, broke=broke)
         symptoms = state.sight.symptoms()
         self._reasons.gave_up(
-            blamed if gives_up else None, retry_ns, symptoms, untouched=untouched, takes_up=again, **why
+            blamed if gives_up else None,
+            retry_ns,
+            symptoms,
+            untouched=untouched,
+            takes_up=again,
+            agents=state.sight.declared.changes if untouched else None,
+            **why,
         )
         given_up = self._reasons.given_up
         await record.update(

@@ -46,23 +46,26 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents", "_began_s", "_moves")
+    __slots__ = ("_agents", "_began_s", "_moves", "changes")
 
     def __init__(self) -> None:
-        self._moves: OrderedDict[str, deque[tuple[str | None, float]]] = (
-            OrderedDict()
-        )  # to another host, when
+        self.changes = 0  # grows when what the agents can do changes
+        # To another host, when.
+        self._moves: OrderedDict[str, deque[tuple[str | None, float]]] = OrderedDict()
         self._began_s = time.monotonic()
         self._agents: OrderedDict[str, tuple[Declaration, float]] = OrderedDict()
 
     def hear(self, declaration: Declaration) -> None:
         """An agent polls."""
-        before = self._agents.pop(declaration.agent, None)
-        if before is not None and before[0].host != declaration.host:
+        before, heard_s = self._agents.pop(declaration.agent, (None, 0.0))
+        if before is not None and before.host != declaration.host:
             moves = self._moves.setdefault(declaration.agent, deque(maxlen=2))
             moves.append((declaration.host, time.monotonic()))
             while len(self._moves) > MOST_AGENTS:
                 self._moves.popitem(last=False)
+        away = time.monotonic() - heard_s >= HEARD_S
+        if before is None or away or (before.host, before.can) != (declaration.host, declaration.can):
+            self.changes += 1
         self._agents[declaration.agent] = (declaration, time.monotonic())
         while len(self._agents) > MOST_AGENTS:
             self._agents.popitem(last=False)

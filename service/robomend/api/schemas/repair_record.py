@@ -141,6 +141,7 @@ class RepairOut(Out):
     retry_ns: Nanoseconds | None = Field(
         default=None, description="when the same is tried again by itself, unless it is well by then"
     )
+    retry: Moment | None = None
     by: str | None = Field(examples=["robomend"])
     created_ns: Nanoseconds
     created: Moment
