@@ -49,10 +49,11 @@ def debugging() -> bool:
     return _least <= logging.DEBUG
 
 
-class Crowds:
-    """Drops what is too many in a second: entries of one event, status, code and principal."""
+class Crowds(logging.Filter):
+    """Drops what is too many in a second: entries of one event, status, code, principal; or text."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._lock = threading.Lock()
         self._second = 0
         self._written: dict[tuple[Any, ...], int] = {}  # in this second
@@ -63,21 +64,36 @@ class Crowds:
         if method == "debug":
             return entry
         kind = (entry.get("event"), entry.get("status"), entry.get("code"), entry.get("principal"))
+        left_out = self._left_out_of(kind)
+        if left_out is None:
+            raise structlog.DropEvent
+        if left_out:
+            entry["left_out"] = left_out
+        return entry
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record of the standard library is to be written: the server's own are of any request."""
+        if record.levelno <= logging.DEBUG:
+            return True
+        left_out = self._left_out_of((record.name, record.msg))
+        if left_out:
+            record.msg, record.args = f"{record.getMessage()} ({left_out} more were left out)", ()
+        return left_out is not None
+
+    def _left_out_of(self, kind: tuple[Any, ...]) -> int | None:
+        """Return how many of a kind were left out before the one that comes now; None: it is, too."""
         with self._lock:
             second = int(time.monotonic())
             if second != self._second:
                 self._second = second
                 self._written.clear()
             written = self._written[kind] = self._written.get(kind, 0) + 1
-            if written > MOST_A_SECOND:
-                if len(self._left_out) > KINDS:
-                    self._left_out.clear()
-                self._left_out[kind] = self._left_out.get(kind, 0) + 1
-                raise structlog.DropEvent
-            left_out = self._left_out.pop(kind, 0)
-        if left_out:
-            entry["left_out"] = left_out
-        return entry
+            if written <= MOST_A_SECOND:
+                return self._left_out.pop(kind, 0)
+            if len(self._left_out) > KINDS:
+                self._left_out.clear()
+            self._left_out[kind] = self._left_out.get(kind, 0) + 1
+            return None
 
 
 def of_request(_: Any, __: str, entry: Entry) -> Entry:
@@ -119,6 +135,7 @@ def configure(level: str, form: str) -> None:
         cache_logger_on_first_use=False,  # tests and commands configure more than once
     )
     handler = logging.StreamHandler(sys.stderr)
+    handler.addFilter(Crowds())
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=[structlog.stdlib.add_logger_name, *shared],

@@ -6,16 +6,18 @@ import json
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from tests.api.conftest import TEDUSAR
 from tests.forked import popen
 
@@ -209,3 +211,56 @@ def test_it_takes_more_connections_than_the_usual_soft_limit_allows(tmp_path: Pa
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
     assert found == (wanted, hard)
+
+
+SILENT = 1500
+"""More than a process with 1024 descriptors can have open."""
+
+
+@pytest.mark.parametrize(
+    "says", [b"", b"GET /heal", b"GET /api/v1/robots HTTP/1.1\r\n"], ids=["nothing", "ours", "head"]
+)
+def test_a_stop_is_taken_at_the_limit_of_descriptors(tmp_path: Path, says: bytes) -> None:
+    """Whoever fills it with connections that say nothing, or begin, keeps nobody from the red button."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    limited = partial(
+        subprocess.Popen, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (1024, 1024))
+    )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    try:
+        with served(tmp_path, start=limited) as (_, url), ExitStack() as idle:
+            address = ("127.0.0.1", int(url.rsplit(":", 1)[1]))
+            taken: list[float] = []
+            for number in range(SILENT):
+                one = idle.enter_context(socket.create_connection(address, timeout=60))
+                one.sendall(says)
+                if number % 500 == 499:
+                    began = time.monotonic()
+                    stopped = httpx.post(f"{url}/api/v1/stop", json={"reason": str(number)}, timeout=60)
+                    assert stopped.json()["active"]
+                    assert httpx.get(f"{url}/healthz", timeout=60).status_code == 200
+                    assert httpx.get(f"{url}/readyz", timeout=60).status_code == 200
+                    taken.append(time.monotonic() - began)
+            print("seconds:", taken)
+            # Those that were silent for the longest made room, and whoever comes is answered.
+            assert httpx.get(f"{url}/version-info", timeout=60).status_code == 200
+            assert "cannot accept" not in (tmp_path / "log").read_text()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_whoever_sends_what_is_no_request_fills_no_log(tmp_path: Path) -> None:
+    with started(tmp_path) as (_, url):
+        address = ("127.0.0.1", int(url.rsplit(":", 1)[1]))
+        upgrade = b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close, upgrade\r\nUpgrade: h2c\r\n\r\n"
+        for _ in range(300):
+            for wire in (b"no request\r\n\r\n", upgrade):
+                with socket.create_connection(address, timeout=60) as connection:
+                    connection.sendall(wire)
+                    assert connection.recv(100).startswith(b"HTTP/1.1 ")
+    said = (tmp_path / "log").read_text()
+    assert "Invalid HTTP request" in said
+    seconds = {line["timestamp"][:19] for line in map(json.loads, said.splitlines())}
+    assert said.count("Invalid HTTP request") <= 10 * (len(seconds) + 1)
+    assert said.count("Unsupported upgrade") <= 10 * (len(seconds) + 1)
+    assert "more were left out" in said

@@ -10,6 +10,9 @@ So these answer while the service's event loop is held, or its database does not
 same, and clients need to know nothing. Such an answer ends its connection. A connection on which the
 service's event loop has answered comes back to this lane; its next request finds its way by its first line.
 
+Descriptors are kept for them: where connections are as many as this process may have, those that have been
+silent for the longest end, here and in the service's event loop, so that there is always room for another.
+
 Under TLS the first line cannot be seen before the handshake, and a connection for batches of observations
 stays where it is. There, too, the stop waits for no disk and no key ring (see robomend.repairs.stop_switch,
 robomend.api.urgent), but it waits for the loop's next turn.
@@ -19,19 +22,23 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import re
+import resource
 import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from typing import cast
 
 import structlog
 import uvicorn
 from fastapi import FastAPI
 from uvicorn.server import ServerState
 
-from robomend.api.protocol import limited
+from robomend.api.problems import Problem
+from robomend.api.protocol import Protocol, limited, make_room
 from robomend.settings import Settings
 
 log = structlog.get_logger("robomend.control")
@@ -48,8 +55,8 @@ BEGINNINGS = tuple(
     for line in (method + b" " + path for method in methods)
 )
 
-PART_S = 0.01
-"""Between two looks at a first line that came in part."""
+PART_S, PART_MOST_S = 0.01, 1.0
+"""Between two looks at a first line that came in part; each is waited for twice as long as the one before."""
 
 ACCEPTED = 64
 """Connections taken from the queue in a row."""
@@ -68,6 +75,29 @@ JOIN_S = 5.0
 
 KEPT_S = 30.0
 """A connection that has been answered may be silent for so long before its next request."""
+
+
+OTHERS = 128
+"""Descriptors that are no connections: the database's, those of workers, files, boards."""
+
+
+def connections_allowed() -> int:
+    """Return how many connections there may be, by what this process may have open."""
+    descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if descriptors == resource.RLIM_INFINITY:
+        descriptors = 1 << 20
+    return max(64, descriptors - max(OTHERS, descriptors // 8))
+
+
+def refuse(connection: socket.socket) -> None:
+    """End a connection for which there is no room, and say so if it can be said at once."""
+    log.warning("connection refused", why="there are as many as this process may have")
+    answer = Problem(503, "there are as many connections as may be; try again").response()
+    head = b"".join(b"%b: %b\r\n" % header for header in answer.raw_headers)
+    text = b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\n%b\r\n" % head + bytes(answer.body)
+    with contextlib.suppress(OSError):
+        connection.send(text)
+    connection.close()
 
 
 class ControlLane:
@@ -105,6 +135,8 @@ class ControlLane:
             server_header=False,
         )
         self._loop: asyncio.AbstractEventLoop | None = None
+        allowed = connections_allowed()  # half of them are the service's own
+        self._most_quiet, self._most_answered = allowed // 4, allowed // 8
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name="control-lane", daemon=True)
         self._usual_s = sys.getswitchinterval()
@@ -163,6 +195,9 @@ class ControlLane:
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
             except OSError as error:
+                if error.errno in (errno.EMFILE, errno.ENFILE) and self._quiet:
+                    self._give_up(next(iter(self._quiet)))
+                    continue
                 log.error("cannot accept", detail=str(error))
                 self._loop.remove_reader(self._listener)
                 self._loop.call_later(PAUSE_S, self._loop.add_reader, self._listener, self._accept)
@@ -177,6 +212,8 @@ class ControlLane:
         """Look again when something has come."""
         assert self._loop is not None
         if connection not in self._quiet:
+            if len(self._quiet) >= self._most_quiet:
+                self._give_up(next(iter(self._quiet)))
             self._quiet[connection] = self._loop.call_later(timeout_s, self._give_up, connection)
             self._loop.add_reader(connection, self._look_soon, connection)
 
@@ -192,7 +229,9 @@ class ControlLane:
         self._forget(connection)
         connection.close()
 
-    def _look(self, connection: socket.socket, timeout_s: float | None = None) -> None:
+    def _look(
+        self, connection: socket.socket, timeout_s: float | None = None, part_s: float = PART_S
+    ) -> None:
         """Look at what a connection goes on with, and decide whose it is."""
         timeout_s = self._timeout_s if timeout_s is None else timeout_s
         assert self._loop is not None
@@ -212,7 +251,7 @@ class ControlLane:
             # It may become one of ours. It stays readable, so the look is repeated by the clock.
             self._wait(connection, timeout_s)
             self._loop.remove_reader(connection)
-            self._loop.call_later(PART_S, self._look_again, connection)
+            self._loop.call_later(part_s, self._look_again, connection, min(2 * part_s, PART_MOST_S))
         else:
             self._forget(connection)
             self._hand_over(connection)
@@ -221,13 +260,16 @@ class ControlLane:
         with self._soon():
             self._look(connection)
 
-    def _look_again(self, connection: socket.socket) -> None:
+    def _look_again(self, connection: socket.socket, part_s: float) -> None:
         if connection in self._quiet:
-            self._look(connection)
+            self._look(connection, part_s=part_s)
 
     def _answer(self, connection: socket.socket) -> None:
         """Give the connection to a protocol of this thread's loop."""
         assert self._loop is not None
+        if not make_room(cast("set[Protocol]", self._state.connections), self._most_answered):
+            refuse(connection)
+            return
         self._hurry()
         self._state.default_headers = self._headers()
 

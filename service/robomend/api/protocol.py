@@ -19,11 +19,12 @@ Between two requests a connection is the control lane's again, so that a stop on
 from __future__ import annotations
 
 import asyncio
+import heapq
 import os
 import re
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -57,11 +58,13 @@ class Protocol(H11Protocol):
     give_back: GiveBack | None = None
     _deaf = False  # what comes is dropped
     _dropped = 0  # bytes
+    heard_s = 0.0  # the loop's clock: when something came, or was answered, last
     _awaited: str | None = None  # what the client has to send in time: a head, or the rest of a body
     _timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
+        self.heard_s = self.loop.time()
         self._await("head", self.head_timeout_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -74,6 +77,7 @@ class Protocol(H11Protocol):
         return self.once and cycle is not None and not (cycle.more_body or cycle.response_complete)
 
     def data_received(self, data: bytes) -> None:
+        self.heard_s = self.loop.time()
         if self._deaf:
             self._dropped += len(data)
             if self._dropped > LINGER_BYTES:
@@ -97,6 +101,7 @@ class Protocol(H11Protocol):
 
     def on_response_complete(self) -> None:
         super().on_response_complete()
+        self.heard_s = self.loop.time()
         if self.transport.is_closing():
             return
         self._watch()
@@ -126,6 +131,11 @@ class Protocol(H11Protocol):
             self.transport.close()
         else:
             super().shutdown()
+
+    @property
+    def waits(self) -> bool:
+        """Whether it is for the client to say something: no whole request is under way."""
+        return self.cycle is None or self.cycle.more_body or self.cycle.response_complete
 
     @property
     def _began(self) -> bool:
@@ -182,6 +192,22 @@ class Protocol(H11Protocol):
         if self.transport.can_write_eof():
             self.transport.write_eof()
         self._await("end", LINGER_S)
+
+
+def make_room(connections: Iterable[Protocol], most: int) -> bool:
+    """Have room for one connection more: where there is none, those that were silent for the longest end.
+
+    Returns:
+        False: every one of them is being answered.
+    """
+    every = [one for one in connections if not one.transport.is_closing()]
+    if len(every) < most:
+        return True
+    waiting = [one for one in every if one.waits]
+    # Some at once: to look for them takes longer than to end one.
+    for one in heapq.nsmallest(1 + most // 16, waiting, key=lambda one: one.heard_s):
+        one.transport.abort()
+    return bool(waiting)
 
 
 def limited(max_head_bytes: int, head_timeout_s: float, *, once: bool = False) -> type[Protocol]:

@@ -9,14 +9,15 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import cast
 
 import structlog
 import uvicorn
 
 from robomend.api.address import url_of
 from robomend.api.app import create_control_app
-from robomend.api.control_lane import ControlLane
-from robomend.api.protocol import Protocol, limited
+from robomend.api.control_lane import ControlLane, connections_allowed, refuse
+from robomend.api.protocol import Protocol, limited, make_room
 from robomend.api.runtime import Runtime
 from robomend.api.urgent import UrgentAdmission
 from robomend.errors import InputError
@@ -45,7 +46,9 @@ class Server(uvicorn.Server):
         self._ready = ready
         self._loop: asyncio.AbstractEventLoop | None = None
         self._lane: ControlLane | None = None
-        self._arriving: set[asyncio.Task[None]] = set()
+        self._arriving: dict[asyncio.Task[None], None] = {}  # the oldest first
+        self._handed = 0  # by the lane, and not yet looked at
+        self._most = connections_allowed() // 2
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         self._loop = asyncio.get_running_loop()
@@ -91,15 +94,26 @@ class Server(uvicorn.Server):
         """Take a connection from the lane, in whose thread this is called."""
         assert self._loop is not None
         try:
-            self._loop.call_soon_threadsafe(self._connect, connection)
+            if self._handed >= self._most // 4:  # they come faster than the loop can look which may stay
+                refuse(connection)
+            else:
+                self._handed += 1
+                self._loop.call_soon_threadsafe(self._connect, connection)
         except RuntimeError:  # the loop has ended
             connection.close()
 
     def _connect(self, connection: socket.socket) -> None:
         assert self._loop is not None
+        self._handed -= 1
+        if len(self._arriving) >= self._most // 4:  # handshakes of TLS that do not end
+            next(iter(self._arriving)).cancel()
+        connections = cast("set[Protocol]", self.server_state.connections)
+        if not make_room(connections, self._most - len(self._arriving)):
+            refuse(connection)
+            return
         task = self._loop.create_task(self._adopt(connection))
-        self._arriving.add(task)
-        task.add_done_callback(self._arriving.discard)
+        self._arriving[task] = None
+        task.add_done_callback(self._arriving.pop)
 
     async def _adopt(self, connection: socket.socket) -> None:
         assert self._loop is not None

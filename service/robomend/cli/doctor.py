@@ -267,7 +267,8 @@ def _who_listens(settings: Settings) -> str | None:
 
     host = ANYWHERE.get(settings.host, settings.host).strip("[]")
     # Who has made the certificate is no matter: nothing but a version is believed.
-    anybody = ssl._create_unverified_context()
+    anybody = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    anybody.check_hostname, anybody.verify_mode = False, ssl.CERT_NONE
     plain = HTTPConnection(host, settings.port, timeout=ANSWER_S)
     over_tls = HTTPSConnection(host, settings.port, timeout=ANSWER_S, context=anybody)
     # What the service was told of TLS is not always told here.
