@@ -30,10 +30,13 @@ from robomend_bench.faults.robot import Robot
 from robomend_client.actions import ActionResult
 from robomend_client.events import Event, Kind
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers import Change
+from robomend_client.observers import Change, Sight
 from robomend_client.rest.asynchronous import AsyncClient
 
 Clock = Callable[[], float]
+
+BRIDGES_SAY_SO = False
+"""Whether the real bridge (bridges/ros2/feed.py) tells its observers that it looked away: so does ours."""
 
 
 class LiveRobot:
@@ -231,6 +234,9 @@ class LiveRobot:
     def unheard(self, host: str | None, *, begins: bool) -> None:
         """A host's bridge is no part of its middleware for a while, or is again: what is sent is lost."""
         (self._unheard.add if begins else self._unheard.discard)(host)
+        for agent in self.agents:
+            if BRIDGES_SAY_SO and agent.host == host and agent.observers is not None:
+                agent.observers.look(Sight.LOST if begins else Sight.BACK, self._clock())
 
     def resume(self, host: str | None) -> None:
         """It goes on; what has waited arrives now."""

@@ -29,6 +29,7 @@ from robomend_client.observers import (
     NodeObserver,
     Observer,
     Rate,
+    Sight,
     Verdict,
 )
 from robomend_client.observers.kinds import ObserverSpec, read_observers
@@ -203,6 +204,12 @@ class HostObservers:
         """The agent was held up until now: it sees that, as robomend_client.agent.watch does."""
         self._drained_ns = self._table_ns = self._ns(until_s + DRAIN_S)
         self._changes += self.driver.lapse(self._drained_ns)
+
+    def look(self, sight: Sight, now_s: float) -> None:
+        """The bridge stops looking at its topics, or looks at them again."""
+        for topic in self.topics:
+            for source, _ in self._fields[topic]:
+                self._changes += self.driver.look(source, sight, self._ns(now_s))
 
     def settle(self, n: int, atoms: Collection[Atom]) -> None:
         """The service wants these atoms judged anew."""

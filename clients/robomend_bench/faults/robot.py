@@ -24,9 +24,6 @@ from robomend_bench.faults.policy import Policy
 from robomend_bench.faults.universe import Universe
 from robomend_client.literals import Literal, parse_atom
 
-MODELS_SAY_TIMES = False
-"""Whether models may say `boot_s`, `start_s` and `reconnects`."""
-
 FOLDER = Path(__file__).parent / "robots"
 
 MADE = ("made-1", "made-2", "made-3", "made-4")
@@ -116,7 +113,7 @@ def varied(robot: Robot, scenario: Scenario, world: str) -> Robot:
     nodes = {n: replace(d, **scenario.physics.get(n, {})) for n, d in anatomy.nodes.items()}
     anatomy = replace(anatomy, devices=devices, nodes=nodes)
     model = robot.model
-    if scenario.times_known and MODELS_SAY_TIMES:
+    if scenario.times_known:
         model = _with_times(robot.model, anatomy)
     if scenario.stamped:
         anatomy, model = _stamped(anatomy, model, scenario.stamped)
@@ -145,8 +142,8 @@ def _with_times(model: str, anatomy: Anatomy) -> str:
     for name, device in anatomy.devices.items():
         parsed["hardware"][name] = {**(parsed["hardware"][name] or {}), "boot_s": device.boot_s}
     for name, node in anatomy.nodes.items():
-        more = {"start_s": node.start_s + node.warm_s, **({"reconnects": True} if node.reconnects else {})}
-        parsed["nodes"][name] = {**(parsed["nodes"][name] or {}), **more}
+        start_s = node.start_s + node.warm_s
+        parsed["nodes"][name] = {**(parsed["nodes"][name] or {}), "start_s": start_s}
     return yaml.safe_dump(parsed, sort_keys=False)
 
 
