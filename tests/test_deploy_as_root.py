@@ -76,7 +76,7 @@ def test_the_lines_for_a_smaller_installation_give_one_without_numpy_that_plans(
     carried_out(root, block("lean.txt"))
     seen = '--observe "not on(jaguar)" --observe "not ok(odom)" --format json'
     said = root.run(f"/opt/robomend/bin/robomend plan examples/tedusar.yaml {seen}")
-    assert json.loads(said)["plan"]["planner"] == "asp"
+    assert json.loads(said)["plan"]["planner"] == "dijkstra"
     assert "numpy" not in root.run("/opt/robomend/bin/pip list")
 
 

@@ -62,7 +62,7 @@ def said(*arguments: str) -> str:
     ("arguments", "expected"),
     [
         (("diagnose", "examples/tedusar.yaml", *SEEN, "--format", "json"), '"bad":["jaguar"]'),
-        (("plan", "examples/tedusar.yaml", *SEEN, "--format", "json"), '"planner": "asp"'),
+        (("plan", "examples/tedusar.yaml", *SEEN, "--format", "json"), '"planner": "dijkstra"'),
         (("model", "check", "examples/tedusar.yaml", "--isolability"), "can be detected"),
         (("doctor", "--data", "data"), "planner: solved by asp"),
     ],
@@ -86,7 +86,7 @@ def test_without_unified_planning_the_service_diagnoses_and_plans(tmp_path: Path
         assert result is not None
         assert result["diagnoses"][0]["bad"] == ["jaguar"]
         plan = client.plan("r1", bad=["jaguar"])["plan"]
-        assert (plan["planner"], plan["steps"][0]["name"]) == ("asp", "power_up")
+        assert (plan["planner"], plan["steps"][0]["name"]) == ("dijkstra", "power_up")
 
 
 @pytest.mark.usefixtures("lean")

@@ -21,6 +21,7 @@ RobomendError
     ├── SolverError                SAT, ASP or planner crashed or refused its input
     ├── WorkerDied                 a worker process ended in the middle of a call
     ├── WorkerTimeout              a worker process was killed at the deadline of its call
+    ├── WorkerNotReady             none was, long after its start
     ├── Overloaded                 too many requests wait for something
     ├── StoreError                 the database is gone
     │   ├── StoreFull              the disk is full: reading goes on
@@ -220,6 +221,12 @@ class WorkerTimeout(BackendError):
     """A worker process was killed at the deadline of its call."""
 
     code = "worker-timeout"
+
+
+class WorkerNotReady(BackendError):
+    """No worker process was ready for a call, long after its start."""
+
+    code = "worker-not-ready"
 
 
 class Overloaded(BackendError):

@@ -30,7 +30,7 @@ def test_commands_options_engines_and_planners_are_offered() -> None:
     assert completed("model", "ch") == ["check"]
     assert "--planner" in completed("plan", "--pl")
     assert completed("diagnose", "--engine", "c") == ["cda_star"]
-    assert completed("plan", "--planner", "") == ["pyperplan", "asp", "fast-downward"]
+    assert completed("plan", "--planner", "") == ["dijkstra", "pyperplan", "asp", "fast-downward"]
     assert "sat" in completed("plan", "--engine", "")
 
 

@@ -42,4 +42,4 @@ def texts(plan: Plan) -> list[str]:
     return [str(step) for step in plan.steps]
 
 
-PLANNERS = ("pyperplan", "asp")
+PLANNERS = ("pyperplan", "asp", "dijkstra")

@@ -14,6 +14,7 @@ from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer
 from robomend.planning.planners.asp import AspPlanner
 from robomend.planning.planning import PlanOptions, forget, plan_for
+from robomend.planning.static_facts import OutOfWork, Work
 
 Trouble = tuple[ComponentModel, tuple[str, ...], str | None]
 
@@ -69,4 +70,49 @@ def test_at_every_time_limit_the_answer_is_the_true_one_or_that_the_time_was_up(
         found = plan_for(robot, [], bad, replace(options, timeout_s=2.0**exponent))
         assert found.outcome in (true.outcome, Outcome.GAVE_UP)
         assert set(found.unreachable) <= set(true.unreachable)
+    forget()
+
+
+@pytest.mark.parametrize("trouble", TROUBLES)
+def test_at_every_bound_of_work_the_answer_is_the_true_one_or_none(trouble: Trouble) -> None:
+    robot, bad, domain = trouble
+    options = PlanOptions(planner="asp", timeout_s=None, domain=domain)
+    true = plan_for(robot, [], bad, options)
+    answers: set[str | None] = set()
+    for most in (*range(0, 500, 7), 2_000, 20_000):
+        forget()
+        try:
+            found = plan_for(robot, [], bad, options, Work(most))
+        except OutOfWork:
+            answers.add(None)
+            continue
+        answers.add(found.planner)
+        assert (found.outcome, found.unreachable, found.cost) == (true.outcome, true.unreachable, true.cost)
+    assert answers == {None, "dijkstra"}
+    forget()
+
+
+TWO_WAYS = """
+(define (domain robot-repair)
+  (:action dear :parameters (?h - hardware) :precondition (bad ?h)
+    :effect (and (good ?h) (not (bad ?h)) (increase (total-cost) 9)))
+  (:action cheap :parameters (?h - hardware) :precondition (bad ?h)
+    :effect (and (good ?h) (not (bad ?h)) (increase (total-cost) 1))))
+"""
+
+
+def test_the_best_plan_until_the_time_was_up_is_not_remembered_for_who_has_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    options = PlanOptions(planner="asp", timeout_s=0.0, domain=TWO_WAYS)
+
+    def hurried(planner: AspPlanner, part: Part, timeout_s: float | None) -> PartAnswer:
+        dear = max(range(len(part.actions)), key=lambda index: part.actions[index].cost)
+        return PartAnswer(Outcome.SOLVED, (dear,))
+
+    forget()
+    with monkeypatch.context() as late:
+        late.setattr(AspPlanner, "solve", hurried)
+        assert plan_for(TEDUSAR, [], ["imu"], options).steps[0].name == "dear"
+    assert plan_for(TEDUSAR, [], ["imu"], replace(options, timeout_s=None)).steps[0].name == "cheap"
     forget()

@@ -114,6 +114,26 @@ def test_a_driver_that_nobody_ever_restarts_may_find_its_device_again() -> None:
     assert steps(chosen(fixed, *seen, options=PlanOptions())) == CYCLE
 
 
+FED = load_text("""
+robomend: 1
+hardware: {supply: {channel: 1}, lidar: {channel: 2, fed_by: supply}}
+nodes:
+  base: {drives: [supply], publishes: {odom: []}}
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+""")
+
+
+def test_what_is_off_and_left_alone_explains_what_is_observed_after_the_plan_as_well() -> None:
+    running = (holds("running", "base"), holds("running", "lidar_node"))
+    seen = (fails("on", "lidar"), *running, holds("ok", "odom"), holds("ok", "scan"))
+    parts, minimal = parts_of(FED), diagnosed(FED, seen).diagnoses
+    options = PlanOptions(planner="asp", quarantined=("lidar",))
+    [plan] = plans_for(parts, seen, [["supply"]], options)
+    assert plan.steps  # it cycles the supply, and leaves the lidar off
+    supply = next(one for one in minimal if one.bad == ("supply",))
+    assert explains_all(plan, supply, minimal, parts) == ("lidar",)
+
+
 def test_an_act_leaves_broken_what_it_breaks_and_nothing_else_that_it_changes() -> None:
     effects = (fails("good", "camera_node"), holds("on", "camera"), holds("good", "imu"))
     [solved] = plans_for(parts_of(BUS), SILENT, [("imu",)], WITH_RESET)

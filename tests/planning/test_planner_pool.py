@@ -12,9 +12,10 @@ from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 from tests.workers.conftest import workers_from_nothing
 
 from robomend.errors import DomainError, SolverError, WorkerDied
+from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
-from robomend.planning.planning import PlanOptions
+from robomend.planning.planning import AT_ONCE_COMPONENTS, PlanOptions
 from robomend_client.literals import fails
 
 __all__ = ["workers_from_nothing"]  # a fixture of all tests here
@@ -24,6 +25,7 @@ pytestmark = pytest.mark.slow
 CODE = '''
 import os, signal, time
 from robomend.errors import SolverError
+from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer
 
@@ -39,6 +41,11 @@ class Hogs(Base):
     def solve(self, part, timeout_s): return bytearray(1 << 36)
 class Lies(Base):
     def solve(self, part, timeout_s): return PartAnswer(Outcome.SOLVED, ())
+class Sleeps(Base):
+    """Waits for the processor, for much longer than its limit."""
+    def solve(self, part, timeout_s):
+        time.sleep(2.0)
+        return Backwards().solve(part, timeout_s)
 class Refuses(Base):
     def solve(self, part, timeout_s): raise SolverError("I do not feel like it")
 class Backwards(Base):
@@ -59,7 +66,7 @@ class Backwards(Base):
         return PartAnswer(Outcome.UNSOLVABLE)
 '''
 
-NAMES = ("Hangs", "Crashes", "Hogs", "Lies", "Refuses", "Backwards")
+NAMES = ("Hangs", "Sleeps", "Crashes", "Hogs", "Lies", "Refuses", "Backwards")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +76,7 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerPool]:
     folder = install(tmp_path_factory.mktemp("third_party"), "odd_planners", CODE, points)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
-        planners = PlannerPool(size=1, spare=1)
+        planners = PlannerPool(size=1, spare=1, at_once=False)
         planners.start()
         yield planners
         pids = planners.pids
@@ -101,6 +108,49 @@ def test_a_planner_that_hangs_is_killed_and_stood_in_for(pool: PlannerPool) -> N
     assert plan(pool, "hangs", timeout_s=10.0) == JAGUAR
 
 
+def test_a_planner_that_has_to_wait_for_the_processor_is_not_out_of_time(pool: PlannerPool) -> None:
+    found = pool.plans_now(
+        TEDUSAR, [fails("on", "jaguar")], [["jaguar"]], PlanOptions(planner="sleeps", timeout_s=1.0)
+    )[0]
+    assert (found.planner, texts(found)) == ("Sleeps", JAGUAR)
+
+
+def test_little_work_starts_no_process_and_costs_the_same(pool: PlannerPool) -> None:
+    wanted = [["jaguar"], POWER_UP]
+    planners = PlannerPool(size=1, spare=1)
+    try:
+        at_once = planners.plans_now(TEDUSAR, ALL_OFF, wanted, PlanOptions())
+        assert planners.pids == ()
+    finally:
+        planners.close()
+    slowly = pool.plans_now(TEDUSAR, ALL_OFF, wanted, PlanOptions())
+    assert {plan.planner for plan in at_once} == {"dijkstra"}
+    assert {plan.planner for plan in slowly} == {"pyperplan"}
+    assert [plan.cost for plan in at_once] == [plan.cost for plan in slowly]
+
+
+def test_what_is_more_than_little_work_is_planned_in_a_worker() -> None:
+    large = supplied(AT_ONCE_COMPONENTS // 2)
+    planners = PlannerPool(size=1, spare=0, planners=("asp",))
+    try:
+        found = planners.plans_now(large, [], [["rail"]], PlanOptions(planner="asp", timeout_s=60.0))[0]
+        assert (found.outcome, found.planner) == (Outcome.SOLVED, "asp")
+        assert planners.pids
+    finally:
+        planners.close()
+
+
+def supplied(devices: int) -> ComponentModel:
+    """A rail with a channel that feeds devices with a driver each."""
+    names = [f"d{number}" for number in range(devices)]
+    return ComponentModel(
+        "large",
+        {"rail": Hardware("rail", 1), **{name: Hardware(name, fed_by=("rail",)) for name in names}},
+        {f"n_{name}": Node(f"n_{name}", (name,)) for name in names},
+        {},
+    )
+
+
 def test_without_time_left_the_answer_is_that_it_gave_up(pool: PlannerPool) -> None:
     pool.plans_now(TEDUSAR, ALL_OFF, [POWER_UP], PlanOptions())
     started = time.monotonic()
@@ -127,7 +177,7 @@ def test_what_is_wrong_with_the_input_comes_back_as_such(pool: PlannerPool) -> N
 
 def test_when_nothing_works_the_error_is_the_workers() -> None:
     """So little memory that not even the fallback can start."""
-    planners = PlannerPool(size=1, spare=0, memory_bytes=40 << 20)
+    planners = PlannerPool(size=1, spare=0, memory_bytes=40 << 20, at_once=False)
     try:
         with pytest.raises((WorkerDied, SolverError)):
             planners.plans_now(TEDUSAR, [], [["jaguar"]], PlanOptions())

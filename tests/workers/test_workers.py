@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 import os
 import signal
@@ -17,7 +18,7 @@ import pytest
 from tests.clients.service_double import eventually
 from tests.waiting import until
 
-from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerTimeout
+from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerNotReady, WorkerTimeout
 from robomend.workers.pool import WorkerPool
 
 JOBS = """
@@ -25,10 +26,17 @@ import ctypes, os, subprocess, time
 warmed = []
 def warm(): warmed.append(os.getpid())
 def broken_warm(): raise RuntimeError("no planner here")
+def never_warm(): time.sleep(600)
+def slow_warm(): time.sleep(2.5)
+def warm_but_for_the_second(notes):
+    started = len(os.listdir(notes)) + 1
+    open(os.path.join(notes, str(started)), "w").close()
+    if started == 2: raise RuntimeError("not this time")
 def was_warmed(): return warmed == [os.getpid()]
 def spin(seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end: pass
+def spin_in_native_code(): return max(iter(int, 1))
 def hold_the_lock(seconds): ctypes.PyDLL(None).usleep(int(seconds * 1e6))  # PyDLL keeps the GIL
 def hog(): return len(bytearray(1 << 31))
 def child(): return subprocess.Popen(["sleep", "600"]).pid, time.sleep(600)
@@ -102,6 +110,12 @@ def test_workers_are_warmed_before_their_first_call(jobs: Callable[[str], Callab
         assert pool.call(jobs("was_warmed"))
 
 
+def test_workers_are_no_nicer_than_the_service_unless_that_is_asked_for(pool: WorkerPool) -> None:
+    assert pool.call(os.nice, 0) == os.nice(0)
+    with WorkerPool("nice", spare=0, niceness=1) as nice:
+        assert nice.call(os.nice, 0) == min(19, os.nice(0) + 1)
+
+
 def test_a_worker_that_cannot_be_warmed_is_told_and_does_not_hang(
     jobs: Callable[[str], Callable[..., object]],
 ) -> None:
@@ -110,6 +124,39 @@ def test_a_worker_that_cannot_be_warmed_is_told_and_does_not_hang(
         pytest.raises(WorkerDied, match="no planner here"),
     ):
         pool.call(os.getpid)
+
+
+def test_a_worker_that_is_not_ready_in_time_is_called_that(
+    jobs: Callable[[str], Callable[..., object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.workers.pool.START_TIMEOUT_S", 0.5)
+    with (
+        WorkerPool("slow", spare=0, warm=jobs("never_warm")) as pool,
+        pytest.raises(WorkerNotReady, match=r"slow: no worker was ready within 0\.5 s"),
+    ):
+        pool.call(os.getpid)
+
+
+def test_what_others_keep_the_processor_from_a_start_does_not_count(
+    jobs: Callable[[str], Callable[..., object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.workers.pool.START_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("robomend.workers.process.waited_s", lambda process: 60.0)
+    with WorkerPool("starved", spare=0, warm=jobs("slow_warm")) as pool:
+        assert pool.call(math.sqrt, 4.0) == 2.0
+
+
+def test_a_spare_that_could_not_be_started_fails_no_later_call(
+    jobs: Callable[[str], Callable[..., object]], tmp_path: Path
+) -> None:
+    (notes := tmp_path / "starts").mkdir()
+    warm = functools.partial(jobs("warm_but_for_the_second"), str(notes))
+    with WorkerPool("spare", size=1, spare=1, warm=warm) as pool:
+        pid = pool.call(os.getpid)
+        until(lambda: pool._starts == 2 and not pool._starting, "the spare's start has failed")
+        os.kill(pid, signal.SIGKILL)
+        assert gone(pid)
+        assert pool.call(math.sqrt, 4.0) == 2.0
 
 
 def test_no_room_for_another_thread_is_told_and_the_next_call_works(
@@ -133,6 +180,24 @@ def test_a_deadline_kills_the_worker_and_the_next_call_works(
         pool.call(jobs("spin"), 600, timeout_s=0.3)
     assert gone(pid)
     assert pool.call(os.getpid) != pid
+
+
+@pytest.mark.parametrize("job", ["spin_in_native_code", "spin"])
+def test_spent_processor_time_kills_the_worker_and_the_next_call_works(
+    job: str, pool: WorkerPool, jobs: Callable[[str], Callable[..., object]]
+) -> None:
+    pid = pool.call(os.getpid)
+    arguments = [600] if job == "spin" else []
+    with pytest.raises(WorkerTimeout, match=r"0\.2 s of processor time"):
+        pool.call(jobs(job), *arguments, processor_s=0.2)
+    assert gone(pid)
+    assert pool.call(os.getpid) != pid
+
+
+def test_who_waits_for_the_processor_spends_none(pool: WorkerPool) -> None:
+    pid = pool.call(os.getpid)
+    pool.call(time.sleep, 1.0, processor_s=0.2)  # longer than the limit, by the clock
+    assert pool.call(os.getpid) == pid
 
 
 def test_a_deadline_kills_what_the_worker_started_too(

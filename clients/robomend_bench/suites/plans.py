@@ -1,6 +1,6 @@
 """Repair planning: the paper's robot and seeded robots of 100 and 1000 components, against the stock chain.
 
-    pyperplan, asp, …     robomend, diagnosis to validated plan; answers are forgotten before each question
+    dijkstra, asp, …      robomend, diagnosis to validated plan; answers are forgotten before each question
     NAME:warm             the same, with the answers to equal parts remembered, as in service
     up-chain              Unified Planning alone: PDDL text, up_quantifiers_remover, up_grounder, pyperplan
     fast-downward-whole   Fast Downward, optimal, over the whole problem: none of our grounding
@@ -8,7 +8,7 @@
 Mode `time` asks for two bad components and for all bad at once. Mode `cost` compares the cost of plans, with
 Fast Downward where it is installed, on two groups: small robots, each of whose parts is searched whole, and
 robots with a power supply, whose part is planned in stages where enough of it is broken
-(robomend.planning.series). `asp` and Fast Downward are held to the cheapest plan that
+(robomend.planning.series). `dijkstra`, `asp` and Fast Downward are held to the cheapest plan that
 anybody found, `pyperplan` to 1.1 times its cost.
 """
 
@@ -64,8 +64,8 @@ class Plans:
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return our planners, and what they are compared with."""
         if mode == "time":
-            return (UP_CHAIN, "pyperplan", "asp", "pyperplan:warm")
-        return ("asp", "pyperplan", *((FD_WHOLE,) if find_spec("up_fast_downward") else ()))
+            return (UP_CHAIN, "dijkstra", "pyperplan", "asp", "pyperplan:warm")
+        return ("dijkstra", "asp", "pyperplan", *((FD_WHOLE,) if find_spec("up_fast_downward") else ()))
 
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a robot a group; in mode `cost`, a group of small ones and one of those with a supply."""

@@ -45,6 +45,7 @@ STATUS: dict[type[errors.RobomendError], int] = {
     errors.SolverError: 503,
     errors.WorkerDied: 503,
     errors.WorkerTimeout: 503,
+    errors.WorkerNotReady: 503,
     errors.Overloaded: 503,
     errors.StoreError: 503,
     errors.StoreFull: 507,

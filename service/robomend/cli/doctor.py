@@ -162,7 +162,7 @@ def _planner(_: Settings) -> str:
     parts = load_model(resource("examples", "tedusar.yaml")).parts
     if parts is None:
         raise Amiss("the example model has lost its parts")
-    pool = PlannerPool(size=1, spare=0)
+    pool = PlannerPool(size=1, spare=0, at_once=False)
     try:
         options = PlanOptions(timeout_s=30.0)
         plan = pool.plans_now(parts, [fails("on", "hokuyo")], [("hokuyo",)], options)[0]

@@ -61,16 +61,18 @@ def command(model: str, **given: Any) -> int:
     from robomend.planning.advice import parts_of
     from robomend.planning.domain.loading import load_domain
     from robomend.planning.planner_pool import PlannerPool, advise_now
+    from robomend.planning.planning import may_be_little
 
     system = load(model)
-    parts_of(system)
+    parts = parts_of(system)
     options = _options(system, given)
     load_domain(options.domain, options.domain_file)  # refuse it before the planner is started
     for warning in system.warnings:
         click.echo(f"warning: {warning}", err=True)
     pool = PlannerPool(size=1, spare=0, planners=(options.planner,))
     try:
-        pool.start()  # it warms up while we diagnose
+        if not may_be_little(parts, options):
+            pool.start()  # it warms up while we diagnose
         situation = _situation(system, given)
         choice = advise_now(pool, situation, options)
     finally:

@@ -7,6 +7,7 @@ leftovers have grown, the solver is built anew.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 
@@ -75,7 +76,7 @@ class Consistency:
         """Return the fault modes that are told, of all that fit together: the same ones, whoever searched.
 
         From the first component to the last: "unknown" only where no name fits beside those before; then of
-        the names the first in the model that does.
+        the names that do the one that explains most of what is assumed, and of these the first in the model.
 
         Args:
             modes: some that fit together, as a model has them.
@@ -93,7 +94,11 @@ class Consistency:
                 modes = self.modes_of(bad, self.oracle.model() or ())
             settled.append(-unknown)
         for component in [one for one in modes if one not in unnamed]:
-            for mode, variable in self.cnf.modes[component].items():
+            by_use = sorted(
+                self.cnf.modes[component].items(),
+                key=lambda one: -len(self._said_by.get(one[1], frozenset()).intersection(assumptions)),
+            )
+            for mode, variable in by_use:
                 if mode != modes[component]:
                     if mode == UNKNOWN_MODE or not self.explains(bad, [*settled, variable]):
                         continue
@@ -101,6 +106,18 @@ class Consistency:
                 settled.append(variable)
                 break
         return modes
+
+    @cached_property
+    def _said_by(self) -> Mapping[int, frozenset[int]]:
+        """Fault mode -> the literals that its sentences say outright."""
+        modes = {variable for named in self.cnf.modes.values() for variable in named.values()}
+        said: dict[int, set[int]] = defaultdict(set)
+        for clause in self.cnf.clauses:
+            if len(clause) == 2:
+                for one, other in (clause, clause[::-1]):
+                    if -one in modes:
+                        said[-one].add(other)
+        return {mode: frozenset(literals) for mode, literals in said.items()}
 
     def close(self) -> None:
         """Free the solver."""

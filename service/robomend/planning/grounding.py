@@ -38,7 +38,7 @@ from robomend.planning.domain.values import Domain, Schema
 from robomend.planning.policy import DARK, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.planning.problem import Fact, RepairProblem
-from robomend.planning.static_facts import Env, StaticFacts
+from robomend.planning.static_facts import UNBOUNDED, Env, StaticFacts, Work
 from robomend_client.literals import Atom, Literal
 
 MAX_GROUND_ACTIONS = 100_000
@@ -87,14 +87,14 @@ class GroundProblem:
 class Grounder:
     """The ground actions of one problem, made on demand."""
 
-    def __init__(self, domain: Domain, problem: RepairProblem) -> None:
+    def __init__(self, domain: Domain, problem: RepairProblem, work: Work = UNBOUNDED) -> None:
         self._schema: Schema | None = None  # of the action that is being ground, for errors
         self.domain = domain
         self.problem = problem
         self._compiled = compile_domain(domain)
         self._numbers: dict[Fact, int] = {}
         self._facts: list[Fact] = [()]
-        self._static = StaticFacts(domain, problem)
+        self._static = StaticFacts(domain, problem, work)
         self._made: dict[tuple[str, tuple[str, ...]], tuple[GroundAction, ...]] = {}
         self._steps = 0
         self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, and why it is refused

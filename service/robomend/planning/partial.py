@@ -33,7 +33,9 @@ def left_bad(plan: Plan, diagnosis: Diagnosis, model: ComponentModel) -> frozens
         if effect.atom.predicate == "good" and not effect.positive and len(effect.atom.args) == 1
     }
     fixed = {name for name, node in model.nodes.items() if not node.restartable}
-    return frozenset((broken - fixed) | set(diagnosis.bad)) - repaired_by(plan)
+    # What is off or stopped, and left alone, is bad as well, though the diagnosis need not blame it.
+    before = {fact.args[0] for fact in plan.initial if fact.predicate == "bad"}
+    return frozenset((broken - fixed) | before | set(diagnosis.bad)) - repaired_by(plan)
 
 
 def brings_back(plan: Plan) -> bool:

@@ -3,11 +3,13 @@
     model, OBS, diagnosis ──► problem ──► ground ──► parts ──► a plan for each ──► replay ──► order ──► Plan
 
 `plan_for` is pure but for the clock, and made for a worker process: its arguments and its answer pickle.
+Limits are processor time of the process, or work, so that a busy computer turns no answer into "gave up".
 robomend.planning.planner_pool calls it from the service.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Sequence
@@ -24,11 +26,20 @@ from robomend.planning.offers import Offers
 from robomend.planning.ordering import layered, partial_order
 from robomend.planning.pddl_text import problem_text
 from robomend.planning.plan import Outcome, Plan, Step
-from robomend.planning.planners import DEFAULT, FALLBACK, PartAnswer, Planner, make_planner
+from robomend.planning.planners import (
+    DEFAULT,
+    FALLBACK,
+    PartAnswer,
+    Planner,
+    make_planner,
+    processor_s,
+)
+from robomend.planning.planners.dijkstra import Dijkstra
 from robomend.planning.planners.relaxed import achieves
 from robomend.planning.problem import RepairProblem, repair_problem
 from robomend.planning.relevance import ground
 from robomend.planning.series import in_series
+from robomend.planning.static_facts import UNBOUNDED, OutOfWork, Work
 from robomend.planning.validation import replay
 from robomend_client.literals import Atom, Literal
 
@@ -38,7 +49,7 @@ class PlanOptions:
     """How to plan. The defaults are those of HTTP and the command line."""
 
     planner: str = DEFAULT
-    timeout_s: float | None = 5.0
+    timeout_s: float | None = 5.0  # processor time
     domain: str | None = None  # the user's PDDL: actions for repair.pddl, or a whole domain
     domain_file: str | None = None  # what messages call it
     expected_stopped: tuple[str, ...] = ()
@@ -55,10 +66,16 @@ def plan_for(
     observed: Iterable[Literal],
     bad: Collection[str],
     options: PlanOptions = PlanOptions(),
+    work: Work | None = None,
 ) -> Plan:
     """Return a validated plan that makes every component good, as far as known actions can.
 
+    Args:
+        work: the bound on a plan that is made at once, by robomend.planning.planners.dijkstra; None: the
+            planner that the options name is asked.
+
     Raises:
+        OutOfWork: it takes more than `work`.
         DomainError: the user's PDDL is at fault.
         UnknownComponent: the diagnosis or an option names no component of the model.
         OptionRefused: no such planner.
@@ -78,7 +95,7 @@ def plan_for(
         forbidden=options.forbidden,
         offers=options.offers,
     )
-    plan = plan_problem(domain, problem, options)
+    plan = plan_problem(domain, problem, options, work)
     return replace(plan, elapsed_s=time.perf_counter() - started)
 
 
@@ -91,10 +108,10 @@ def plans_for(
     """Return a plan for each diagnosis; those for which the time is up are GAVE_UP."""
     literals = tuple(observed)
     make_planner(options.planner)  # loading it is not planning
-    deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
+    deadline = None if options.timeout_s is None else processor_s() + options.timeout_s
     found: list[Plan] = []
     for bad in diagnoses:
-        left = None if deadline is None else deadline - time.monotonic()
+        left = None if deadline is None else deadline - processor_s()
         if left is not None and left <= 0 and found:
             found.append(gave_up(options.planner, 0.0))
         else:
@@ -102,19 +119,68 @@ def plans_for(
     return found
 
 
+EVERYDAY = (DEFAULT, FALLBACK)
+"""Planners that a service is asked for, and that are stood in for where there is little work."""
+
+AT_ONCE = 50_000
+"""Steps of work: less than a tenth of a second of processor time; a robot of 50 components takes a tenth."""
+
+AT_ONCE_COMPONENTS = 300
+AT_ONCE_CHARACTERS = 20_000
+"""Of a model, and of a user's domain, that are looked at at all: a few milliseconds."""
+
+
+def may_be_little(model: ComponentModel, options: PlanOptions) -> bool:
+    """Return whether `plans_at_once` looks at it at all. A planner that is not an everyday one is meant."""
+    return (
+        options.planner in EVERYDAY
+        and len(model.components) <= AT_ONCE_COMPONENTS
+        and len(options.domain or "") <= AT_ONCE_CHARACTERS
+    )
+
+
+def plans_at_once(
+    model: ComponentModel,
+    observed: Iterable[Literal],
+    diagnoses: Sequence[Collection[str]],
+    options: PlanOptions = PlanOptions(),
+) -> list[Plan] | None:
+    """Return what `plans_for` does, without a planner to be loaded; None if that is more than little work.
+
+    The plans cost what those of the other planners cost: parts are searched as they are there. For any
+    thread.
+
+    Raises:
+        As `plan_for` does.
+    """
+    if not may_be_little(model, options):
+        return None
+    literals = tuple(observed)
+    work = Work(AT_ONCE)
+    try:
+        found = [_way_for(model, literals, bad, replace(options, timeout_s=None), work) for bad in diagnoses]
+    except OutOfWork:
+        return None
+    return None if any(plan.outcome is Outcome.GAVE_UP for plan in found) else found
+
+
 def _way_for(
-    model: ComponentModel, observed: Iterable[Literal], bad: Collection[str], options: PlanOptions
+    model: ComponentModel,
+    observed: Iterable[Literal],
+    bad: Collection[str],
+    options: PlanOptions,
+    work: Work | None = None,
 ) -> Plan:
     """Return the cheapest plan, or, where the user's actions have it, a way that is likelier to help."""
-    plan = plan_for(model, observed, bad, options)
+    began = processor_s()
+    plan = plan_for(model, observed, bad, options, work)
     if options.domain is None:
         return plan
-    left_s = None if options.timeout_s is None else max(0.0, options.timeout_s - plan.elapsed_s)
+    left_s = None if options.timeout_s is None else max(0.0, options.timeout_s - (processor_s() - began))
 
     def other(avoided: Avoided) -> Plan:
-        return plan_for(
-            model, observed, bad, replace(options, timeout_s=left_s, avoided=(*options.avoided, *avoided))
-        )
+        again = replace(options, timeout_s=left_s, avoided=(*options.avoided, *avoided))
+        return plan_for(model, observed, bad, again, work)
 
     return best_way(plan, bad, other)
 
@@ -124,10 +190,12 @@ def gave_up(planner: str, elapsed_s: float) -> Plan:
     return Plan(Outcome.GAVE_UP, (), 0.0, planner, frozenset(), (), (), (), elapsed_s)
 
 
-def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -> Plan:
-    """Return a validated plan for a problem that is built already."""
-    search = _PartSearch(options)
-    grounder = Grounder(domain, problem)
+def plan_problem(
+    domain: Domain, problem: RepairProblem, options: PlanOptions, work: Work | None = None
+) -> Plan:
+    """Return a validated plan for a problem that is built already; see `plan_for`."""
+    search = _PartSearch(options, work)
+    grounder = Grounder(domain, problem, work or UNBOUNDED)
     goal = [grounder.number(fact) for fact in problem.goal]
     unreachable: dict[int, str] = {}
     serial: list[GroundAction] | None = None
@@ -159,6 +227,8 @@ def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -
             serial = None
     kept = [number for number in goal if number not in unreachable]
     names = [(action.name, action.parameters) for action in serial]
+    if work is not None:
+        work.spend(len(names) * len(names))  # the order may compare each with each
     complete, flaw = replay(grounder, names, kept)
     if flaw is not None:
         raise SolverError(f"{search.used} gave an invalid plan: {flaw}")
@@ -185,9 +255,9 @@ EXACT_UP_TO = 14
 class _PartSearch:
     """Asks the planner part by part, the fallback where the planner fails or a part is too large for it."""
 
-    def __init__(self, options: PlanOptions) -> None:
-        self._planner = make_planner(options.planner)
-        self._deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
+    def __init__(self, options: PlanOptions, work: Work | None) -> None:
+        self._planner = make_planner(options.planner) if work is None else Dijkstra(work)
+        self._deadline = None if options.timeout_s is None else processor_s() + options.timeout_s
         self.used = self._planner.name
 
     def solve(self, part: Part) -> PartAnswer:
@@ -217,41 +287,49 @@ class _PartSearch:
         known = _ANSWERS.get((planner.name, part))
         if known is not None:
             return known
-        left = None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
+        left = None if self._deadline is None else max(0.0, self._deadline - processor_s())
         answer = planner.solve(part, left)
         if answer.outcome is Outcome.SOLVED and not achieves(part, answer.actions):
             raise SolverError(
                 f"{planner.name} gave an invalid plan for a part of {len(part.actions)} actions"
             )
-        late = self._deadline is not None and time.monotonic() >= self._deadline
+        late = self._deadline is not None and processor_s() >= self._deadline
         if answer.outcome is not Outcome.GAVE_UP and not (late and answer.outcome is Outcome.SOLVED):
             _ANSWERS.put((planner.name, part), answer)  # not the best that was found until the time was up
         return answer
 
 
 class _Memory:
-    """The answers of late: a robot's devices mostly pose the same small problems, a fleet's robots too."""
+    """The answers of late: a robot's devices mostly pose the same small problems, a fleet's robots too.
+
+    For all threads.
+    """
 
     def __init__(self, max_actions: int) -> None:
+        self._lock = threading.Lock()
         self._answers: OrderedDict[tuple[str, Part], PartAnswer] = OrderedDict()
         self._room = max_actions  # in actions, so that large parts do not fill the memory
 
     def get(self, key: tuple[str, Part]) -> PartAnswer | None:
-        found = self._answers.get(key)
-        if found is not None:
-            self._answers.move_to_end(key)
-        return found
+        with self._lock:
+            found = self._answers.get(key)
+            if found is not None:
+                self._answers.move_to_end(key)
+            return found
 
     def put(self, key: tuple[str, Part], answer: PartAnswer) -> None:
-        self._answers[key] = answer
-        self._room -= len(key[1].actions)
-        while self._room < 0:
-            (_, part), _ = self._answers.popitem(last=False)
-            self._room += len(part.actions)
+        with self._lock:
+            if key not in self._answers:
+                self._room -= len(key[1].actions)
+            self._answers[key] = answer
+            while self._room < 0:
+                (_, part), _ = self._answers.popitem(last=False)
+                self._room += len(part.actions)
 
     def clear(self) -> None:
-        self._room += sum(len(part.actions) for _, part in self._answers)
-        self._answers.clear()
+        with self._lock:
+            self._room += sum(len(part.actions) for _, part in self._answers)
+            self._answers.clear()
 
 
 _ANSWERS = _Memory(max_actions=50_000)

@@ -8,6 +8,7 @@ index over (predicate, place, name) finds the candidates, so facts that do not m
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
@@ -20,10 +21,39 @@ Env = dict[str, str]
 """Variables with their values."""
 
 
-class StaticFacts:
-    """The static facts of a problem, indexed, and its objects by type."""
+class Work:
+    """A bound on what is computed for one question, in small steps of about a microsecond, not in time.
 
-    def __init__(self, domain: Domain, problem: RepairProblem) -> None:
+    Args:
+        most: steps; by default there is no bound.
+    """
+
+    def __init__(self, most: float = math.inf) -> None:
+        self._left = most
+
+    def spend(self, steps: int) -> None:
+        """Count what is about to be done; OutOfWork if it is more than what is left."""
+        self._left -= steps
+        if self._left < 0:
+            raise OutOfWork
+
+
+class OutOfWork(Exception):
+    """There is more to do than the bound allows: no answer, and no error."""
+
+
+UNBOUNDED = Work()
+
+
+class StaticFacts:
+    """The static facts of a problem, indexed, and its objects by type.
+
+    Args:
+        work: is spent on the facts and objects that are looked at.
+    """
+
+    def __init__(self, domain: Domain, problem: RepairProblem, work: Work = UNBOUNDED) -> None:
+        self._work = work
         self._domain = domain
         self._objects = problem.objects
         self._members: dict[str, frozenset[str]] = {}
@@ -71,6 +101,7 @@ class StaticFacts:
             if chosen < 0 or len(candidates) < len(best):
                 best, chosen = candidates, position
         terms = guards[chosen].terms
+        self._work.spend(1 + len(best))
         rest = [*guards[:chosen], *guards[chosen + 1 :]]
         kinds = dict(variables)
         for fact in best:
@@ -111,7 +142,9 @@ class StaticFacts:
     def _enumerate(self, variables: Typed, env: Env) -> Iterator[Env]:
         for position, (name, kind) in enumerate(variables):
             if name not in env:
-                for member in sorted(self.members_of(kind)):
+                members = sorted(self.members_of(kind))
+                self._work.spend(len(members))
+                for member in members:
                     yield from self._enumerate(variables[position + 1 :], {**env, name: member})
                 return
         yield env

@@ -6,7 +6,7 @@
 
 Reading is Python, and a second of it would keep the event loop from a stop for a second; in a thread it would
 take the interpreter from the loop again and again. What is known to be done in a few milliseconds needs no
-process: a short model without quantifiers is read in a thread, a short sentence at once.
+process: a short model without quantifiers and a repair domain are read in a thread, a short sentence at once.
 
 Those who only ask (one-shots) never have all the processes: one is left for what robots and operators send.
 """
@@ -48,6 +48,9 @@ SHORT_MODEL = 2_500
 SHORT_SENTENCE = 400
 """Characters of a richer sentence without quantifiers that is read at once: under a millisecond."""
 
+SHORT_DOMAIN = 20_000
+"""Characters of a repair domain that is read in a thread: some 15 ms."""
+
 QUANTIFIER = re.compile(r"forall|exists|∀|∃")
 
 LOOKED_AT = 50_000
@@ -58,6 +61,9 @@ CONFLICTS = 1_000
 
 MEMORY_BYTES = 3 << 30
 """Address space of a worker: a text that needs more ends its worker."""
+
+NICENESS = 10
+"""Of the workers: whoever may ask sends texts, and no robot's repair waits for one to be read."""
 
 VOCABULARIES = 16
 """Kept in each worker, for sentences."""
@@ -88,6 +94,7 @@ class Readers:
             warm=warm,
             memory_bytes=MEMORY_BYTES,
             queue_limit=64 + settings.one_shots,
+            niceness=NICENESS,
         )
         self._guests = asyncio.Semaphore(max(1, settings.reader_workers - 1))
         self._asking = 0
@@ -184,8 +191,12 @@ class Readers:
         key = domain
         found = self._actions.get(key)
         if found is None:
-            timeout_s = self._settings.reading_timeout_s
-            found = self._actions[key] = await self.pool.run(action_names, domain, timeout_s=timeout_s)
+            if len(domain) <= SHORT_DOMAIN:  # a repair waits for it
+                found = await asyncio.to_thread(action_names, domain)
+            else:
+                timeout_s = self._settings.reading_timeout_s
+                found = await self.pool.run(action_names, domain, timeout_s=timeout_s)
+            self._actions[key] = found
             while len(self._actions) > DOMAINS:
                 self._actions.popitem(last=False)
         self._actions.move_to_end(key)

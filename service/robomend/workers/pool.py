@@ -24,12 +24,13 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, TypeVar, TypeVarTuple
 
-from robomend.errors import Overloaded, WorkerDied, WorkerTimeout
-from robomend.workers.process import ERROR, WorkerProcess
+from robomend.errors import Overloaded, WorkerDied, WorkerNotReady, WorkerTimeout
+from robomend.workers.process import ERROR, OUT_OF_TIME, WorkerProcess
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 START_TIMEOUT_S = 60.0
+"""Of a worker's start, without what others kept the processor from it."""
 
 
 class WorkerPool:
@@ -43,6 +44,8 @@ class WorkerPool:
         memory_bytes: address space of a worker; None: no limit.
         idle_s: an idle worker ends after this long.
         queue_limit: how many calls may wait for a worker; more are refused with Overloaded.
+        niceness: of its processes. What may be asked for by whoever can ask keeps behind the service; what a
+            robot waits for has to get its share of a busy computer.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class WorkerPool:
         memory_bytes: int | None = None,
         idle_s: float = 300.0,
         queue_limit: int = 64,
+        niceness: int = 0,
     ) -> None:
         if size < 1 or spare < 0:
             raise ValueError("a pool needs at least one worker, and no negative number of spares")
@@ -64,11 +68,13 @@ class WorkerPool:
         self._start_with = pickle.dumps((warm, memory_bytes))
         self._idle_s = idle_s
         self._queue_limit = queue_limit
+        self._niceness = niceness
         self._condition = threading.Condition()
         self._idle: deque[WorkerProcess] = deque()  # the latest used on the right
         self._busy: set[WorkerProcess] = set()
         self._starting = 0
-        self._start_error: BaseException | None = None
+        self._starts = 0  # begun in all
+        self._failed: tuple[int, BaseException] | None = None  # the latest start that failed, by its number
         self._waiting = 0
         self._calls = 0
         self._closed = False
@@ -91,13 +97,24 @@ class WorkerPool:
                 self._idle[-1].idle_since = time.monotonic()
             self._top_up(at_least=0 if self._busy else 1)
 
-    async def run(self, function: Callable[[*Ts], T], *args: *Ts, timeout_s: float | None = None) -> T:
+    async def run(
+        self,
+        function: Callable[[*Ts], T],
+        *args: *Ts,
+        timeout_s: float | None = None,
+        processor_s: float | None = None,
+    ) -> T:
         """Return function(*args), computed in a worker.
 
         The deadline counts from when a worker takes the call. Cancelling the task kills the worker.
 
+        Args:
+            timeout_s: by the clock.
+            processor_s: of the worker's own processor time, without that of processes that it starts.
+
         Raises:
             WorkerTimeout: the deadline passed; the worker was killed.
+            WorkerNotReady: none was, in time.
             WorkerDied: the worker ended in the middle of the call.
             Overloaded: too many calls wait already.
             Exception: whatever the function raised.
@@ -105,7 +122,7 @@ class WorkerPool:
         self._admit()
         ticket = _Ticket()
         try:
-            call = self._callers.submit(self._call, ticket, function, args, timeout_s)
+            call = self._callers.submit(self._call, ticket, function, args, timeout_s, processor_s)
         except RuntimeError as error:
             self._admitted()
             raise WorkerDied(f"{self.name}: the worker pool is closed") from error
@@ -117,10 +134,16 @@ class WorkerPool:
             ticket.cancel(self._condition)
             raise
 
-    def call(self, function: Callable[[*Ts], T], *args: *Ts, timeout_s: float | None = None) -> T:
+    def call(
+        self,
+        function: Callable[[*Ts], T],
+        *args: *Ts,
+        timeout_s: float | None = None,
+        processor_s: float | None = None,
+    ) -> T:
         """Like `run`, for code without an event loop: blocks the calling thread."""
         self._admit()
-        return self._call(_Ticket(), function, args, timeout_s)
+        return self._call(_Ticket(), function, args, timeout_s, processor_s)
 
     def close(self) -> None:
         """Kill every worker and wait until they are gone. Calls that run end with WorkerDied."""
@@ -164,9 +187,10 @@ class WorkerPool:
         function: Callable[..., T],
         args: tuple[Any, ...],
         timeout_s: float | None,
+        processor_s: float | None,
     ) -> T:
         try:
-            request = pickle.dumps((function, args))
+            request = pickle.dumps((function, args, processor_s))
             worker = self._take(ticket)
         except BaseException:
             self._admitted()
@@ -181,6 +205,10 @@ class WorkerPool:
             ) from None
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             why = worker.ending()
+            if processor_s is not None and why == f"killed by {OUT_OF_TIME.name}":
+                raise WorkerTimeout(
+                    f"{self.name}: no answer within {processor_s:g} s of processor time; the call was ended"
+                ) from None
             raise WorkerDied(
                 f"{self.name}: the worker process ended in the middle of a call ({why})"
             ) from error
@@ -210,9 +238,9 @@ class WorkerPool:
             self._waiting -= 1
 
     def _take(self, ticket: _Ticket) -> WorkerProcess:
-        deadline: float | None = None
         with self._condition:
             self._calls += 1
+            before = self._starts  # that one of these fails is no news: another may succeed
             while True:
                 if self._closed:
                     raise WorkerDied(f"{self.name}: the worker pool is closed")
@@ -228,17 +256,17 @@ class WorkerPool:
                             self._top_up()
                             return worker
                         worker.kill()
-                    if self._start_error is not None:
-                        error, self._start_error = self._start_error, None
+                    if self._failed is not None and self._failed[0] > before:
+                        error = self._failed[1]
+                        if isinstance(error, WorkerNotReady):
+                            raise WorkerNotReady(f"{self.name}: {error}") from error
                         raise WorkerDied(f"{self.name}: no worker could be started: {error}") from error
                     self._top_up(at_least=1)
-                    if self._start_error is not None:
+                    if self._failed is not None and self._failed[0] > before:
                         continue
-                    # Only the wait for a start is bounded here; the wait behind other calls ends with theirs.
-                    deadline = deadline or time.monotonic() + START_TIMEOUT_S
-                if deadline is not None and time.monotonic() > deadline:
-                    raise WorkerDied(f"{self.name}: no worker was ready within {START_TIMEOUT_S:g} s")
-                self._condition.wait(1.0)
+                self._condition.wait(
+                    1.0
+                )  # a start ends, in time or not; those that work end with their calls
 
     def _give_back(self, ticket: _Ticket, worker: WorkerProcess, healthy: bool) -> None:
         with self._condition:
@@ -262,18 +290,19 @@ class WorkerPool:
         room = self._size + self._spare - len(self._busy) - len(self._idle) - self._starting
         for _ in range(min(wanted, room)):
             self._starting += 1
+            self._starts += 1
             try:
-                self._starter.submit(self._start_one)
+                self._starter.submit(self._start_one, self._starts)
             except (RuntimeError, MemoryError) as error:  # no room for another thread (`ulimit -v`)
                 self._starting -= 1
-                self._start_error = error
+                self._failed = self._starts, error
                 return
 
-    def _start_one(self) -> None:
+    def _start_one(self, number: int) -> None:
         worker: WorkerProcess | None = None
         error: BaseException | None = None
         try:
-            worker = WorkerProcess(self._start_with)
+            worker = WorkerProcess(self._start_with, self._niceness)
             with self._condition:
                 self._newborn = worker
                 closed = self._closed
@@ -288,9 +317,8 @@ class WorkerPool:
             self._newborn = None
             self._starting -= 1
             if error is not None:
-                self._start_error = error
+                self._failed = number, error
             elif worker is not None and not self._closed:
-                self._start_error = None
                 self._idle.appendleft(worker)
                 self._watch_idle()
                 worker = None

@@ -26,14 +26,18 @@ import time
 from collections import deque
 from typing import Any
 
-from robomend.errors import SolverError, WorkerDied
+from robomend.errors import SolverError, WorkerDied, WorkerNotReady
+from robomend.starvation import waited_s
 from robomend.workers.parent import die_with_parent
 
 LENGTH = struct.Struct("<Q")
 MAX_MESSAGE = 1 << 30  # bytes
 
-NICENESS = 10
-"""Of workers: what takes long must not keep the service, on the same cores, from a stop."""
+EXCUSED_S = 540.0
+"""So much of a slow start may be the computer's fault; after that it does not matter whose it is."""
+
+OUT_OF_TIME = signal.SIGPROF
+"""Ends a worker that has spent the processor time of its call: setitimer(2), ITIMER_PROF."""
 
 READY, RESULT, ERROR = "ready", "result", "error"
 
@@ -41,14 +45,18 @@ READY, RESULT, ERROR = "ready", "result", "error"
 class WorkerProcess:
     """One process, seen from the parent."""
 
-    def __init__(self, start_with: bytes) -> None:
+    def __init__(self, start_with: bytes, niceness: int = 0) -> None:
         self.idle_since = time.monotonic()
         self._killing = threading.Lock()
         self._socket, theirs = socket.socketpair()
         with theirs:
             fd = theirs.fileno()
             self._process = subprocess.Popen(
-                [sys.executable, "-c", _PROGRAM.format(path=sys.path, fd=fd, parent=os.getpid())],
+                [
+                    sys.executable,
+                    "-c",
+                    _PROGRAM.format(path=sys.path, fd=fd, parent=os.getpid(), niceness=niceness),
+                ],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(fd,),
@@ -58,8 +66,24 @@ class WorkerProcess:
         _send(self._socket, start_with)
 
     def wait_ready(self, timeout_s: float) -> None:
+        """Wait until it is warm.
+
+        Raises:
+            WorkerNotReady: it is not; what others kept the processor from it does not count.
+            WorkerDied: it ended.
+            Exception: what warming it raised.
+        """
+        late = WorkerNotReady(f"no worker was ready within {timeout_s:g} s")
+        began = time.monotonic()
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        while not poll.poll(1000):
+            if time.monotonic() - began > timeout_s + min(waited_s(self.pid), EXCUSED_S):
+                raise late
         try:
             kind, value = self._receive(timeout_s)
+        except TimeoutError:
+            raise late from None
         except (EOFError, OSError) as error:
             raise WorkerDied(f"the worker process ended while starting ({self.ending()})") from error
         if kind != READY:
@@ -98,7 +122,7 @@ class WorkerProcess:
     def ending(self) -> str:
         """Return how the process ended, in words; ends it if it has not."""
         try:
-            code = self._process.wait(0.5)
+            code = self._process.wait(5.0)
         except subprocess.TimeoutExpired:
             return "its answer could not be read"
         if code < 0:
@@ -107,7 +131,8 @@ class WorkerProcess:
 
 
 _PROGRAM = (
-    "import sys; sys.path[:] = {path!r}; from robomend.workers.process import serve; serve({fd}, {parent})"
+    "import sys; sys.path[:] = {path!r}; from robomend.workers.process import serve; "
+    "serve({fd}, {parent}, {niceness})"
 )
 
 
@@ -140,10 +165,11 @@ def _receive_exactly(connection: socket.socket, count: int, deadline: float | No
 # --- in the worker process ---
 
 
-def serve(fd: int, parent: int) -> None:
+def serve(fd: int, parent: int, niceness: int) -> None:
     """Answer calls until the parent is gone. Runs in the worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
+    signal.signal(OUT_OF_TIME, signal.SIG_DFL)
+    os.nice(niceness)
     die_with_parent()
     if os.getppid() != parent:  # it ended before we asked
         os._exit(0)
@@ -166,8 +192,14 @@ def serve(fd: int, parent: int) -> None:
         while True:
             arrived.acquire()
             try:
-                function, args = pickle.loads(requests.popleft())
-                result = function(*args)
+                function, args, processor_s = pickle.loads(requests.popleft())
+                signal.setitimer(
+                    signal.ITIMER_PROF, processor_s or 0
+                )  # in native code, too, the kernel ends us
+                try:
+                    result = function(*args)
+                finally:
+                    signal.setitimer(signal.ITIMER_PROF, 0)
             except BaseException as error:  # noqa: BLE001  # the caller gets it
                 _answer(connection, ERROR, error)
             else:

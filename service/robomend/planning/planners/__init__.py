@@ -1,5 +1,6 @@
 """The planners by name, and what a planner is.
 
+    dijkstra        our own, for small parts: what the service asks first, in its own process
     pyperplan       the default: pyperplan through Unified Planning
     asp             clingo over encodings/plan.lp: cheapest plans, any number of actions, cancellable
     fast-downward   Fast Downward through Unified Planning; the extra `robomend[fast-downward]`
@@ -17,6 +18,8 @@ be interrupted does no harm.
 
 from __future__ import annotations
 
+import resource
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,6 +32,15 @@ from robomend_client.registry import Registry
 
 DEFAULT = "pyperplan"
 FALLBACK = "asp"
+
+
+def processor_s() -> float:
+    """Return the processor time of this process, and of those that it started and that have ended.
+
+    Planners' limits are in this: what others take of the processor is no problem's fault.
+    """
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +62,9 @@ class Planner(Protocol):
     def solve(self, part: Part, timeout_s: float | None) -> PartAnswer:
         """Return a plan for one part, the cheapest that the planner can promise.
 
+        Args:
+            timeout_s: seconds of processor time; see `processor_s`.
+
         Raises:
             SolverError: the planner failed; the fallback is asked then.
         """
@@ -60,6 +75,7 @@ PLANNERS = Registry[Callable[[], Planner]](
     "planner",
     "robomend.planners",
     {
+        "dijkstra": "robomend.planning.planners.dijkstra:Dijkstra",
         "pyperplan": "robomend.planning.planners.pyperplan:Pyperplan",
         "asp": "robomend.planning.planners.asp:AspPlanner",
         "fast-downward": "robomend.planning.planners.fast_downward:FastDownward",

@@ -7,13 +7,11 @@
 The first horizon is the number of layers of the relaxed planning graph: fewer cannot do. Two kinds of part
 would make the horizon grow for ever: one that the relaxed world solves and the real one does not, and one
 with free actions, which keep every further step busy at no cost. So after a few steps the states are
-enumerated (Dijkstra), up to a limit; beyond it a plan without the proof that it is cheapest will do.
+enumerated (dijkstra.py), up to a limit; beyond it a plan without the proof that it is cheapest will do.
 """
 
 from __future__ import annotations
 
-import heapq
-import time
 from functools import lru_cache
 
 import clingo
@@ -21,7 +19,8 @@ import clingo
 from robomend.errors import SolverError
 from robomend.planning.decomposition import Part
 from robomend.planning.plan import Outcome
-from robomend.planning.planners import PartAnswer
+from robomend.planning.planners import PartAnswer, processor_s
+from robomend.planning.planners.dijkstra import dijkstra
 from robomend.planning.planners.relaxed import plan_cost, relaxed_layers, without_redundant
 from robomend.resources import resource
 
@@ -31,8 +30,10 @@ MAX_WEIGHT = 2**30
 DOUBT_AFTER = 6
 """Steps beyond the lower bound after which the states are enumerated."""
 
-MAX_STATES = 20_000
 MAX_HORIZON = 400
+
+SHORTEST_S = 0.001
+"""Between two looks at the processor time that a search has taken."""
 
 
 class AspPlanner:
@@ -43,14 +44,14 @@ class AspPlanner:
 
     def solve(self, part: Part, timeout_s: float | None) -> PartAnswer:
         """Return a cheapest plan, or at the deadline the best one found, or GAVE_UP."""
-        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        deadline = None if timeout_s is None else processor_s() + timeout_s
         first = relaxed_layers(part)
         if first is None:
             return PartAnswer(Outcome.UNSOLVABLE)
         best: tuple[int, ...] | None = None
         for horizon in range(first, MAX_HORIZON):
             attempt = _Attempt(part, horizon)
-            finished = attempt.run(None if deadline is None else deadline - time.monotonic())
+            finished = attempt.run(deadline)
             if attempt.plan is not None and (
                 best is None or plan_cost(part, attempt.plan) < plan_cost(part, best)
             ):
@@ -60,12 +61,12 @@ class AspPlanner:
             if attempt.proved:
                 return PartAnswer(Outcome.SOLVED, without_redundant(part, best or ()), cheapest=True)
             if horizon == first + DOUBT_AFTER:
-                answer = _by_states(part, deadline)
-                if answer is not None:
+                answer = dijkstra(part, deadline=deadline)
+                if answer.outcome is not Outcome.GAVE_UP:
                     return answer
             if best is None and horizon >= first + DOUBT_AFTER:
                 real = _Attempt(part, horizon, suffix=False)
-                real.run(None if deadline is None else deadline - time.monotonic())
+                real.run(deadline)
                 best = real.plan
             if best is not None and horizon >= first + DOUBT_AFTER:
                 break  # the bound is not getting there
@@ -93,12 +94,14 @@ class _Attempt:
         except (RuntimeError, MemoryError) as error:
             raise SolverError(f"clingo could not ground the planning problem: {error}") from error
 
-    def run(self, timeout_s: float | None) -> bool:
-        """Return whether the search came to its end within the time."""
-        if timeout_s is not None and timeout_s <= 0:
+    def run(self, deadline: float | None) -> bool:
+        """Return whether the search came to its end before this much processor time was spent."""
+        if deadline is not None and processor_s() >= deadline:
             return False
         with self._control.solve(on_model=self._take, async_=True) as handle:
-            finished = handle.wait(timeout_s)
+            finished = handle.wait(None if deadline is None else max(SHORTEST_S, deadline - processor_s()))
+            while not finished and deadline is not None and processor_s() < deadline:
+                finished = handle.wait(max(SHORTEST_S, deadline - processor_s()))
             if not finished:
                 handle.cancel()
             result = handle.get()
@@ -135,41 +138,3 @@ def _instance(part: Part) -> str:
         lines += [f"adds({index},{fact})." for fact in sorted(action.adds)]
         lines += [f"deletes({index},{fact})." for fact in sorted(action.deletes - action.adds)]
     return "\n".join(lines)
-
-
-def _by_states(part: Part, deadline: float | None) -> PartAnswer | None:
-    """Return a cheapest plan, or the proof that there is none; None if there are too many states for that."""
-    paths: dict[frozenset[int], tuple[int, frozenset[int]] | None] = {part.initial: None}
-    costs = {part.initial: 0.0}
-    pending = [(0.0, 0, part.initial)]
-    settled: set[frozenset[int]] = set()
-    pushed = 0  # breaks ties, as sets have no order
-    while pending:
-        cost, _, state = heapq.heappop(pending)
-        if state in settled:
-            continue
-        if part.goal <= state:
-            return PartAnswer(Outcome.SOLVED, without_redundant(part, _path(paths, state)), cheapest=True)
-        settled.add(state)
-        if len(settled) > MAX_STATES or (deadline is not None and time.monotonic() > deadline):
-            return None
-        for index, action in enumerate(part.actions):
-            following = (state - action.deletes) | action.adds
-            total = cost + action.cost
-            if action.needs <= state and total < costs.get(following, float("inf")):
-                costs[following] = total
-                paths[following] = (index, state)
-                pushed += 1
-                heapq.heappush(pending, (total, pushed, following))
-    return PartAnswer(Outcome.UNSOLVABLE)
-
-
-def _path(
-    paths: dict[frozenset[int], tuple[int, frozenset[int]] | None], state: frozenset[int]
-) -> tuple[int, ...]:
-    """Return the actions that led to a state."""
-    actions = []
-    while (step := paths[state]) is not None:
-        index, state = step
-        actions.append(index)
-    return tuple(reversed(actions))
