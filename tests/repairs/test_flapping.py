@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 from robomend.planning.policy import Policy
 from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, WITHIN_S, Flapping
-from robomend.repairs.reasons import AGAIN_S, ReasonsToRepair
+from robomend.repairs.reasons import LAPSED_S, ReasonsToRepair
 from robomend.store.records import Stop
 from robomend_client.literals import Atom
 
@@ -117,7 +117,7 @@ def test_what_was_given_up_on_and_only_not_heard_of_is_tried_again_more_and_more
 
     found, begun = ReasonsToRepair(), list[float]()
     with patch("time.monotonic", lambda: now_s):
-        while now_s < 1000.0 + 10 * AGAIN_S:
+        while now_s < 1000.0 + 10 * LAPSED_S:
             if begins(state(*LIDAR)):
                 begun.append(now_s)
                 found.gave_up(LIDAR, None, frozenset({scan}), interlocked=False)
