@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 from pathlib import Path
 
@@ -38,7 +39,11 @@ def test_every_error_code_is_on_the_page(page: str) -> None:
 
 
 def test_every_metric_is_on_the_page(page: str) -> None:
-    shown = {line.split()[2] for line in Metrics().text().decode().splitlines() if line.startswith("# TYPE")}
+    shown = {
+        line.split()[2]
+        for line in asyncio.run(Metrics().text()).decode().splitlines()
+        if line.startswith("# TYPE")
+    }
     assert {name for name in shown if not name.endswith("_created") and f"`{name}`" not in page} == set()
 
 

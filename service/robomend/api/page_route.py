@@ -27,6 +27,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
 from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem, of_error, of_validation
+from robomend.api.schemas.base import one_line
 from robomend.api.shell import PARTS_HEADER, shell
 from robomend.errors import RobomendError
 from robomend.web.page_pace import PagePace
@@ -89,6 +90,11 @@ async def read_form(request: Request, most: int = FORM_BYTES) -> Mapping[str, st
     except ValueError as error:
         raise Problem(400, "the form is not as a browser sends it") from error
     return {name: value.replace("\r\n", "\n") for name, value in fields}
+
+
+def reason_of(form: Mapping[str, str]) -> str:
+    """Return why somebody sends a form."""
+    return one_line(form.get("reason", ""))[:1000]
 
 
 def check_ours(request: Request) -> None:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from starlette.responses import Response
 
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
-from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.page_route import PageRoute, back, page, read_form, reason_of
 from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
@@ -241,7 +241,7 @@ async def ask_for_repair(
 ) -> Response:
     """Ask for a repair of the best choice; under the policy `approve` its plan waits for a yes."""
     form = await read_form(request)
-    await parts.repairs.create(robot, bad=None, by=principal.name, reason=form.get("reason", "")[:1000])
+    await parts.repairs.create(robot, bad=None, by=principal.name, reason=reason_of(form))
     return back(f"/ui/robots/{robot}")
 
 
@@ -249,7 +249,7 @@ async def ask_for_repair(
 async def release(request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep) -> Response:
     """Let a component in quarantine be tried again."""
     form = await read_form(request)
-    component, reason = form.get("component", ""), form.get("reason", "")[:1000]
+    component, reason = form.get("component", ""), reason_of(form)
     await parts.repairs.release(robot, component, by=principal.name, reason=reason)
     return back(f"/ui/robots/{robot}")
 
@@ -275,7 +275,7 @@ async def switch_channel(
         stop=lambda: switch.stop,
         interlocked=state.interlocked,
         by=principal.name,
-        reason=form.get("reason", "")[:1000],
+        reason=reason_of(form),
     )
     return back(f"/ui/robots/{robot}")
 
@@ -300,7 +300,7 @@ async def repair_page(
 async def decide(request: Request, repair: RepairPath, parts: PartsDep, principal: PrincipalDep) -> Response:
     """Approve a repair that awaits it, or cancel one that has not ended."""
     form = await read_form(request)
-    decision, reason = form.get("decision"), form.get("reason", "")[:1000]
+    decision, reason = form.get("decision"), reason_of(form)
     if decision not in {"approve", "cancel"}:
         raise Problem(422, "the decision is approve or cancel")
     ask = parts.repairs.approve if decision == "approve" else parts.repairs.cancel
