@@ -7,11 +7,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-
-from robomend.tallies import Spread, Spreads, Tallies, Tally
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -52,71 +50,45 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        self._requests = self._tallies("robomend_requests", "HTTP requests", ("method", "route", "status"))
-        self._request_s = self._spreads(
+        self._requests = self._counter("robomend_requests", "HTTP requests", "method", "route", "status")
+        self._request_s = self._histogram(
             "robomend_request_seconds",
             "from the head of a request to the end of its answer, streams and long polls left out",
-            ("route",),
+            "route",
         )
-        self.loop_delay_s = self._spread(
+        self.loop_delay_s = self._histogram(
             "robomend_loop_delay_seconds", "what the event loop took to come to a new task, sampled"
         )
-        self._by_request: dict[tuple[str, str, int], tuple[Tally, Spread]] = {}
-        self.observations = self._tallies("robomend_observations", "literals accepted and durable", ("way",))
-        self.diagnoses = self._tallies("robomend_diagnoses", "diagnoses by where they were made", ("place",))
-        self.diagnosis_s = self._spread("robomend_diagnosis_seconds", "of the engine alone")
-        self.published_s = self._spread(
+        self.observations = self._counter("robomend_observations", "literals accepted and durable", "way")
+        self.diagnoses = self._counter("robomend_diagnoses", "diagnoses by where they were made", "place")
+        self.diagnosis_s = self._histogram("robomend_diagnosis_seconds", "of the engine alone")
+        self.published_s = self._histogram(
             "robomend_observation_to_diagnosis_seconds", "from an accepted change to its published diagnosis"
         )
-        self.failures = Counter(
-            "robomend_diagnosis_failures",
-            "diagnoses that an engine failed to give",
-            ("code",),
-            registry=self.registry,
+        self.failures = self._counter(
+            "robomend_diagnosis_failures", "diagnoses that an engine failed to give", "code"
         )
-        self.refused = Counter(
-            "robomend_refused", "requests beyond a limit", ("limit",), registry=self.registry
-        )
+        self.refused = self._counter("robomend_refused", "requests beyond a limit", "limit")
         self.streams = Gauge("robomend_event_streams", "open event streams", registry=self.registry)
-        self.repairs = Counter(
-            "robomend_repair_changes",
-            "repairs by the state that they came to",
-            ("state",),
-            registry=self.registry,
+        self.repairs = self._counter(
+            "robomend_repair_changes", "repairs by the state that they came to", "state"
         )
-        self.actions = Counter(
-            "robomend_actions", "actions by name and result code", ("name", "code"), registry=self.registry
+        self.actions = self._counter("robomend_actions", "actions by name and result code", "name", "code")
+        self.notifications = self._counter(
+            "robomend_notifications", "notifications by what came of a try to deliver them", "outcome"
         )
 
-        self.notifications = Counter(
-            "robomend_notifications",
-            "notifications by what came of a try to deliver them",
-            ("outcome",),
-            registry=self.registry,
-        )
+    def _counter(self, name: str, text: str, *labels: str) -> Counter:
+        return Counter(name, text, labels, registry=self.registry)
 
-    def _tallies(self, name: str, text: str, labels: tuple[str, ...]) -> Tallies:
-        tallies = Tallies(name, text, labels)
-        self.registry.register(tallies)
-        return tallies
-
-    def _spreads(self, name: str, text: str, labels: tuple[str, ...] = ()) -> Spreads:
-        spreads = Spreads(name, text, labels, bounds=FINE_S)
-        self.registry.register(spreads)
-        return spreads
-
-    def _spread(self, name: str, text: str) -> Spread:
-        return self._spreads(name, text).labels()
+    def _histogram(self, name: str, text: str, *labels: str) -> Histogram:
+        return Histogram(name, text, labels, buckets=FINE_S, registry=self.registry)
 
     def request(self, method: str, route: str, status: int, elapsed_s: float | None) -> None:
         """Count a request; `elapsed_s` is None where its time says nothing, as of a long poll."""
-        found = self._by_request.get((method, route, status))
-        if found is None:  # looking labels up costs more than counting; there are as many as routes
-            tally = self._requests.labels(method, route, str(status))
-            found = self._by_request[method, route, status] = tally, self._request_s.labels(route)
-        found[0].count += 1
+        self._requests.labels(method, route, status).inc()
         if elapsed_s is not None:
-            found[1].observe(elapsed_s)
+            self._request_s.labels(route).observe(elapsed_s)
 
     def on_demand(
         self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]

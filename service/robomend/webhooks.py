@@ -40,9 +40,13 @@ INSIDE = tuple(
         (
             "168.63.129.16/32",  # a public address with metadata for machines of its cloud
             "192.0.0.0/24",  # protocol assignments, another cloud's metadata among them
+            "192.88.99.0/24",  # relays of 6to4, which is deprecated
             "224.0.0.0/4",
+            "3fff::/20",  # documentation
+            "5f00::/16",  # segment identifiers of a network's own
             "ff00::/8",
-            "::/96",  # IPv4 addresses in disguise: deprecated, translated locally, 6to4
+            "::/96",  # IPv4 addresses in disguise: deprecated, translated (SIIT, locally), 6to4
+            "::ffff:0:0:0/96",
             "64:ff9b:1::/48",
             "2002::/16",
         ),

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import Service, StartService
+from tests.waiting import until
 
 from robomend.api.strict_json import loads
 from robomend.errors import TooDeep
@@ -222,3 +223,16 @@ def test_brackets_in_strings_do_not_count_as_depth() -> None:
     assert loads(json.dumps(value).encode(), 4) == value
     with pytest.raises(TooDeep):
         loads(b'["' + b"[" * 100 + b'", [[[[[]]]]]]', 4)
+
+
+def test_a_reason_is_one_line_that_shows_as_it_reads(service: Service) -> None:
+    """It stands beside others' in lists and logs; the stop is taken all the same, whatever its reason."""
+    told, shown = (
+        "smoke\r\n2026 stop lifted by ann\u202egnp.exe\x1b[2J",
+        "smoke  2026 stop lifted by ann?gnp.exe?[2J",
+    )
+    assert service.api("POST", "/stop", json={"reason": told}).json()["reason"] == shown
+    assert service.api("DELETE", "/stop", params={"reason": told}).status_code in {200, 202}
+    until(lambda: not service.api("GET", "/stop").json()["active"], "it was not lifted")
+    trail = [entry for entry in service.api("GET", "/audit").json()["items"] if "stop" in entry["action"]]
+    assert {entry["reason"] for entry in trail} == {shown}

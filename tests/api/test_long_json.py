@@ -1,4 +1,4 @@
-"""Answers that may be long are written beside the event loop, and say the same."""
+"""Answers that may be long are written beside the event loop."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def writers(monkeypatch: pytest.MonkeyPatch) -> set[threading.Thread]:
     found: set[threading.Thread] = set()
 
     def noted(function: Any) -> Any:
-        def wrapper(value: Any) -> Any:
+        def wrapper(*given: Any) -> Any:
             found.add(threading.current_thread())
-            return function(value)
+            return function(*given)
 
         return wrapper
 
-    for name in ("_text", "_long_result"):
+    for name in ("_text", "result_text"):
         monkeypatch.setattr(long_json, name, noted(getattr(long_json, name)))
     return found
 
@@ -35,47 +35,20 @@ async def this_thread() -> threading.Thread:
 PAGES = ("/robots/long/history", "/robots/long/history?kind=diagnosis", "/audit", "/repairs")
 
 
-def test_pages_of_lists_are_written_where_they_are_read(
-    service: Service, writers: set[threading.Thread]
-) -> None:
+def test_long_answers_are_written_in_threads(service: Service, writers: set[threading.Thread]) -> None:
     service.with_robot("long")
     service.observe("not ok(scan)", robot="long")
     loop = service.run(this_thread())
-    for path in PAGES:
+    asked = {"source": TEDUSAR, "observations": ["not ok(scan)"]}
+    for method, path, body in (
+        *(("GET", page, None) for page in PAGES),
+        ("POST", "/diagnoses", asked),
+        ("POST", "/plans", asked),
+    ):
         writers.clear()
-        assert service.api("GET", path).json().keys() == {"items", "next"}
+        assert service.api(method, path, json=body).status_code == 200
         assert writers
         assert loop not in writers
-
-
-def test_a_long_result_says_the_same_as_a_short_one(
-    service: Service, monkeypatch: pytest.MonkeyPatch, writers: set[threading.Thread]
-) -> None:
-    asked = {"source": TEDUSAR, "observations": ["not ok(scan)"]}
-    loop = service.run(this_thread())
-
-    def answer() -> Any:
-        value = service.api("POST", "/diagnoses", json=asked, timeout=60).json()
-        del value["elapsed_s"]
-        return value
-
-    short = answer()
-    assert writers == {loop}
-    writers.clear()
-    monkeypatch.setattr(long_json, "SHORT", 0)
-    assert answer() == short
-    assert writers
-    assert loop not in writers
-
-
-@pytest.mark.anyio
-async def test_a_value_of_many_names_is_written_in_a_thread(writers: set[threading.Thread]) -> None:
-    short = await long_json.value_response(dict, [{"gerät": [1]}], long_json.SHORT)
-    assert writers == {threading.current_thread()}
-    writers.clear()
-    long = await long_json.value_response(dict, [{"gerät": [1]}], long_json.SHORT + 1)
-    assert long.body == short.body == '{"gerät":[1]}'.encode()
-    assert threading.current_thread() not in writers
 
 
 class Large:
@@ -91,7 +64,7 @@ class Large:
 async def test_what_a_long_value_was_made_of_is_freed_in_the_thread_that_wrote_it() -> None:
     Large.freed_by.clear()
     given: list[Any] = [Large()]
-    await long_json.value_response(lambda large: [type(large).__name__], given, long_json.SHORT + 1)
+    await long_json.value_response(lambda large: [type(large).__name__], given)
     assert given == []
     [freed_by] = Large.freed_by
     assert freed_by is not threading.current_thread()

@@ -136,6 +136,7 @@ def test_observers_that_are_somebodys_code_are_not_run(batching: Service) -> Non
     found = ended(batching, made.json()["id"])
     assert found["state"] == "failed"
     assert "is not run here" in found["message"]
+    assert "/" not in found["message"].replace("evil.py", ""), "it says where things are on this computer"
     answer = batching.api("GET", f"/batches/{found['id']}/result")
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,41 @@ def test_nothing_is_overwritten(data: Path, tmp_path: Path, capsys: Capture) -> 
     assert run(["import", str(file), "--data", str(data)]) == 2
     assert "not empty" in capsys.readouterr().err
     assert file.read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"revision":1', '"revision":9223372036854775808', "number of 64 bits"),
+        ('"revision":1', '"revision":"1"', "number of 64 bits"),
+        ('"id":"r1"', '"id":"../../x"', "no name"),
+        ('"robot":"r1"', '"robot":"r1\\n"', "no name"),
+        ('{"end":true', '{"end":true}\n{"end":true', "cut off|rows were exported"),
+    ],
+)
+def test_what_no_database_of_ours_holds_is_refused_with_its_line(
+    data: Path, tmp_path: Path, capsys: Capture, old: str, new: str, said: str
+) -> None:
+    lines = exported(capsys, data)
+    at = next(number for number, line in enumerate(lines) if old in line)
+    lines[at] = lines[at].replace(old, new, 1)
+    file, other = tmp_path / "all.ndjson", tmp_path / "new"
+    file.write_text("\n".join(lines))
+    assert run(["import", str(file), "--data", str(other)]) == 2
+    err = capsys.readouterr().err
+    assert re.search(said, err)
+    assert f"line {at + 1}: " in err
+    assert run(["import", str(tmp_path / "none"), "--data", str(other)]) == 2  # nothing of it was taken
+
+
+def test_lines_after_the_end_of_an_export_are_refused(data: Path, tmp_path: Path, capsys: Capture) -> None:
+    lines = exported(capsys, data)
+    file, other = tmp_path / "all.ndjson", tmp_path / "new"
+    file.write_text("\n".join([*lines, lines[1], ""]))
+    assert run(["import", str(file), "--data", str(other)]) == 2
+    assert f"line {len(lines)}: more lines follow" in capsys.readouterr().err
+    file.write_text("\n".join([*lines, "", ""]))
+    assert run(["import", str(file), "--data", str(other)]) == 0
 
 
 def test_bad_input_is_named(data: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -7,6 +7,7 @@ The parts are started and closed by whoever made them (see robomend.api.runtime)
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
@@ -20,7 +21,7 @@ from robomend.api.edge import Edge
 from robomend.api.express import Express
 from robomend.api.gate import Admission, Admitter
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
-from robomend.api.page_turns import PageTurns
+from robomend.api.page_route import PagePace
 from robomend.api.routers import (
     actions,
     batch_pages,
@@ -54,7 +55,6 @@ from robomend.api.routers import (
 from robomend.security import API
 from robomend.version import version_info
 from robomend.web.fleet import Fleet
-from robomend.web.page_pace import PagePace
 
 ROUTERS = (
     observations,  # first, as routes are looked for in order and this is the busiest
@@ -119,7 +119,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
     app.state.fleet = Fleet(parts.store, parts.robots.memory)
     app.state.pace = PagePace()
-    app.state.turns = PageTurns(lambda: parts.shedding.under_way)
+    app.state.pages = asyncio.Lock()
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

@@ -10,11 +10,11 @@ from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
-from pydantic import AwareDatetime
+from pydantic import AfterValidator, AwareDatetime
 
 from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
-from robomend.api.schemas.base import MAX_INT, NAME
+from robomend.api.schemas.base import MAX_INT, NAME, one_line
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
@@ -152,7 +152,9 @@ IdempotencyKey = Annotated[
 
 
 ReasonQuery = Annotated[
-    str, Query(alias="reason", max_length=1000, description="why; it goes to the audit log")
+    str,
+    Query(alias="reason", max_length=1000, description="why; it goes to the audit log"),
+    AfterValidator(one_line),
 ]
 
 

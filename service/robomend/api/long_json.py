@@ -1,9 +1,4 @@
-"""JSON answers that may be long, as text: to be put together in a thread, a piece at a time.
-
-json.dumps keeps the interpreter for itself for as long as it writes, 20 ms for a page of a thousand
-diagnoses, and whoever calls it on the event loop keeps that as well. Many short calls of it in a thread leave
-room for everybody else: for a stop, say.
-"""
+"""JSON answers that may be long, written in a thread: to write them takes up to tens of milliseconds."""
 
 from __future__ import annotations
 
@@ -15,10 +10,7 @@ from typing import Any
 from starlette.responses import Response
 
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.oneshots.result_json import quoted_names, result_json, result_text
-
-SHORT = 2_000
-"""Names of components in a result that is written at once: under a millisecond."""
+from robomend.oneshots.result_json import quoted_names, result_text
 
 _text = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 
@@ -35,26 +27,19 @@ def response_of(text: bytes) -> Response:
 
 async def result_response(result: DiagnosisResult) -> Response:
     """Return an engine's answer as it is; ResultOut only describes it."""
-    if len(result.components) * len(result.diagnoses) <= SHORT:
-        return response_of(_text(result_json(result)).encode())
-    return response_of(await asyncio.to_thread(_long_result, result))
+    text = await asyncio.to_thread(result_text, result, quoted_names(result.components))
+    return response_of(text.encode())
 
 
-def _long_result(result: DiagnosisResult) -> bytes:
-    return result_text(result, quoted_names(result.components)).encode()
-
-
-async def value_response(make: Callable[..., Any], given: list[Any], size: int) -> Response:
-    """Return the value that `make` makes of what is given, of about so many names.
+async def value_response(make: Callable[..., Any], given: list[Any]) -> Response:
+    """Return the value that `make` makes of what is given.
 
     `given` is empty afterwards: what is large and nobody else has is freed in the thread that wrote it.
     """
-    if size > SHORT:
-        return response_of(await asyncio.to_thread(_written, make, given))
-    return response_of(_written(make, given))
 
+    def written() -> bytes:
+        text = _text(make(*given)).encode()
+        given.clear()
+        return text
 
-def _written(make: Callable[..., Any], given: list[Any]) -> bytes:
-    text = _text(make(*given)).encode()
-    given.clear()
-    return text
+    return response_of(await asyncio.to_thread(written))

@@ -6,6 +6,8 @@
 Every view has an address, and every change is a form, so that all of it works without scripts. A browser
 sends cookies with whatever form any page has, so a form must say by Origin or Sec-Fetch-Site that it is ours.
 Without keys there is no cookie to steal, but the same holds: whoever reaches the port is admin then.
+
+Pages are made one at a time, in a thread: the event loop goes on with what robots want.
 """
 
 from __future__ import annotations
@@ -25,12 +27,11 @@ from robomend.api.body import check_content_type, read_chunks
 from robomend.api.deps import parts_of
 from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
-from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem, of_error, of_validation
+from robomend.api.schemas.base import one_line
 from robomend.api.shell import PARTS_HEADER, shell
 from robomend.errors import RobomendError
-from robomend.web.page_pace import PagePace
-from robomend.web.rendering import known, pieces, read
+from robomend.web.rendering import render
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -54,6 +55,26 @@ PACKED_FROM = 1000
 """Bytes from which a page goes out compressed. None holds a secret that its address could fish for."""
 
 
+PER_S = 20.0
+"""Parts of pages made in a second, of all pages together: about a tenth of a core."""
+
+
+class PagePace:
+    """How soon open pages may ask again: all of them together are a small load, however many there are.
+
+    A page asks at once when an event concerns it after a quiet while. From then on each answer tells it how
+    long to wait: with few pages not at all. A robot's changes do not wait behind the people who watch.
+    """
+
+    def __init__(self) -> None:
+        self._free_at_s = 0.0  # each answer is given the next place in a queue
+
+    def again_s(self, now_s: float) -> float:
+        """Return how long the page that is answered now is to wait before it asks again, seconds."""
+        self._free_at_s = max(self._free_at_s, now_s) + 1 / PER_S
+        return self._free_at_s - now_s
+
+
 class PageRoute(GuardedRoute):
     """See the module."""
 
@@ -61,9 +82,6 @@ class PageRoute(GuardedRoute):
         handle = super().get_route_handler()
 
         async def shown(request: Request) -> Response:
-            if PARTS_HEADER in request.headers:
-                turns: PageTurns = request.app.state.turns
-                await turns.apart()
             try:
                 return await handle(request)
             except Problem as problem:
@@ -91,6 +109,11 @@ async def read_form(request: Request, most: int = FORM_BYTES) -> Mapping[str, st
     return {name: value.replace("\r\n", "\n") for name, value in fields}
 
 
+def reason_of(form: Mapping[str, str]) -> str:
+    """Return why somebody sends a form."""
+    return one_line(form.get("reason", ""))[:1000]
+
+
 def check_ours(request: Request) -> None:
     """Refuse a form that may be on somebody else's page; for whoever reads one without `read_form`."""
     site = request.headers.get("sec-fetch-site")
@@ -107,13 +130,14 @@ async def page(request: Request, template: str, status: int = 200, **values: Any
     if PARTS_HEADER in request.headers:
         pace: PagePace = request.app.state.pace
         headers = {**HEADERS, "Robomend-Again-Ms": f"{pace.again_s(time.monotonic()) * 1000:.0f}"}
-    if not known(template):
-        await asyncio.to_thread(read, template)
-    turns: PageTurns = request.app.state.turns
-    async with turns.turn() as turn:
-        text = await turn.joined(pieces(template, **values))
-        await turn.slice()
+
+    def made() -> Response:
+        text = render(template, **values)
         return packed(request, text.encode(), "text/html; charset=utf-8", headers, status)
+
+    one_at_a_time: asyncio.Lock = request.app.state.pages
+    async with one_at_a_time:
+        return await asyncio.to_thread(made)
 
 
 def back(to: str) -> Response:

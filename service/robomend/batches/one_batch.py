@@ -9,8 +9,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import re
 import time
 from collections import Counter
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +39,18 @@ TELL_S = 1.0
 """How often it notes how far the run is."""
 
 OK, BAD_INPUT = 0, 2
+
+
+PLACE = re.compile(r"(?<![\w./])/(?:[^\s/:'\"]+/)+(?=[^\s/:'\"])")
+"""The folders of an absolute path."""
+
+
+def without_places(message: str, roots: Iterable[Path | str | None]) -> str:
+    """Return what a program said without where things are on this computer, which readers need not know."""
+    for root in roots:
+        if root is not None:
+            message = message.replace(f"{root}/", "").replace(str(root), ".")
+    return PLACE.sub("…/", message)
 
 
 class OneBatch:
@@ -160,7 +174,8 @@ class OneBatch:
 
     async def _end(self, trigger: BatchTrigger, message: str) -> None:
         seen = await asyncio.to_thread(self._seen)
-        await self._take(trigger, message=message, **seen)
+        roots = [self._folder.logs, self._folder.path, self._job.data["folder"]]
+        await self._take(trigger, message=without_places(message, roots), **seen)
 
     async def _take(self, trigger: BatchTrigger, **data: Any) -> StoredBatchJob:
         return await take(self._store, self._job.id, trigger, **data)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
@@ -60,6 +61,18 @@ TABLES: tuple[Table, ...] = (
     schema.events,
 )
 
+
+NAMED = {(table.name, "robot") for table in TABLES} | {
+    ("robots", "id"),
+    ("robots", "model"),
+    ("models", "name"),
+    ("model_versions", "name"),
+}
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._\-]{0,63}\Z")
+"""Of robots and models, as they come over HTTP."""
+
+LARGEST = 2**63 - 1
+_KINDS = {str: "text", bool: "truth value", int: "number of 64 bits", float: "number", object: "value"}
 
 CONFIGURATIONS = {schema.robots: ("config",), schema.audit: ("before", "after")}
 """Columns with JSON that a robot was configured with."""
@@ -127,7 +140,8 @@ def _load_rows(connection: Connection, lines: Iterable[str]) -> int:
             connection.execute(current.insert(), waiting)
             waiting.clear()
 
-    for number, line in enumerate(lines, 1):
+    rows = iter(lines)
+    for number, line in enumerate(rows, 1):
         record = _record(line, number)
         if number == 1:
             if record.get("robomend_export") != FORMAT or record.get("schema") != schema.HEAD:
@@ -138,12 +152,15 @@ def _load_rows(connection: Connection, lines: Iterable[str]) -> int:
         elif record.get("end") is True:
             if record.get("rows") != count:
                 raise InputError(f"line {number}: {record.get('rows')} rows were exported, {count} came")
+            if any(rest.strip() for rest in rows):
+                raise InputError(f"line {number}: more lines follow the end of the export")
             put()
             return count
         else:
             table, row = tables.get(str(record.get("table"))), record.get("row")
             if table is None or not isinstance(row, dict) or row.keys() != columns[table.name]:
                 raise InputError(f"line {number}: not a row of a table of schema {schema.HEAD}")
+            _check_values(table, row, number)
             if table is not current or len(waiting) >= _CHUNK:
                 put()
                 current = table
@@ -160,6 +177,18 @@ def _record(line: str, number: int) -> dict[str, Any]:
     if not isinstance(record, dict):
         raise InputError(f"line {number}: not an object")
     return record
+
+
+def _check_values(table: Table, row: dict[str, Any], number: int) -> None:
+    """Refuse what a database cannot hold, or the interface would never have let in."""
+    for name, value in row.items():
+        kind = table.columns[name].type.python_type
+        fits = value is None or kind is object or isinstance(value, (int, float) if kind is float else kind)
+        if not fits or (isinstance(value, int) and abs(value) > LARGEST):
+            shown = str(value)[:40]
+            raise InputError(f"line {number}: {table.name}.{name}: {shown} is no {_KINDS[kind]}")
+        if value is not None and (table.name, name) in NAMED and not NAME.match(value):
+            raise InputError(f"line {number}: {table.name}.{name}: {value[:80]!r} is no name")
 
 
 def _move_sequences(connection: Connection) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache, lru_cache
 from pathlib import Path
@@ -44,49 +43,14 @@ ROWS = 100
 """Robots on a page unless asked for more."""
 
 MOST_ROWS = 500
-"""Some 25 ms of the service's event loop; the others come with the next page."""
+"""The others come with the next page."""
 
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-
-
-_NAMED = re.compile(r'{% (?:extends|include|from) "([^"]+[.]html)"')
-_BY_FUNCTION = {"parts/fleet.html": ["fleet_row.html"]}
-
-_known: set[str] = set()
-"""Templates that were read with all that they name."""
-
-
-def known(template: str) -> bool:
-    """Return whether a template can be rendered without reading one first."""
-    return template in _known
-
-
-def read(template: str) -> None:
-    """Read a template and all that it names: up to 50 ms of the processor, so in a thread.
-
-    All of them at once, at the start, would take a fifth of what a start takes, whether or not somebody ever
-    looks at a page.
-    """
-    environment, left = _environment(), [template]
-    seen: set[str] = set()
-    while left:
-        name = left.pop()
-        if name not in seen | _known:
-            seen.add(name)
-            environment.get_template(name)
-            source = (HERE / "templates" / name).read_text(encoding="utf-8")
-            left += [*_NAMED.findall(source), *_BY_FUNCTION.get(name, ())]
-    _known.update(seen)
 
 
 def render(template: str, **values: Any) -> str:
     """Return a template with its values."""
     return _environment().get_template(template).render(values)
-
-
-def pieces(template: str, **values: Any) -> Iterator[str]:
-    """Yield a template with its values, piece by piece as it is made."""
-    return _environment().get_template(template).generate(values)
 
 
 @lru_cache(maxsize=4096)

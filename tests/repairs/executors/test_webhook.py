@@ -153,6 +153,10 @@ async def test_an_endless_answer_is_cut_off(receiver: tuple[str, type[Receiver]]
         "http://0.0.0.0/",
         "http://100.100.100.200/",
         "http://168.63.129.16/",
+        "http://192.88.99.1/",
+        "http://[::ffff:0:127.0.0.1]/",
+        "http://[5f00::1]/",
+        "http://[3fff::1]/",
         "http://192.0.0.192/",
     ],
 )

@@ -7,7 +7,7 @@ from starlette.responses import Response
 
 from robomend.api.batch_creation import create
 from robomend.api.deps import BatchPath, PagingDep, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, back, check_ours, page, read_form
+from robomend.api.page_route import PageRoute, back, check_ours, page, read_form, reason_of
 from robomend.api.shell import shell, wanted_parts
 from robomend.batches.states import BatchState
 from robomend.store import models
@@ -64,5 +64,5 @@ async def cancel_batch(
 ) -> Response:
     """Cancel a batch, as a form."""
     form = await read_form(request)
-    await parts.batches.cancel(batch, by=principal.name, reason=form.get("reason", "")[:1000])
+    await parts.batches.cancel(batch, by=principal.name, reason=reason_of(form))
     return back(f"/ui/batches/{batch}")

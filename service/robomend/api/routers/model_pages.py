@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from robomend.api.deps import ModelPath, PagingDep, Parts, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.page_route import PageRoute, back, page, read_form, reason_of
 from robomend.api.problems import of_error
 from robomend.api.schemas.base import NAME
 from robomend.api.shell import shell, wanted_parts
@@ -83,7 +83,7 @@ async def put_model(request: Request, parts: PartsDep, principal: PrincipalDep) 
             format=None,
             expected=expected or ABSENT,
             by=principal.name,
-            reason=form.get("reason", "")[:1000],
+            reason=reason_of(form),
         )
     except RobomendError as error:
         problem = of_error(error)

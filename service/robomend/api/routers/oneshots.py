@@ -51,7 +51,7 @@ async def plan(body: OneShotPlanBody, parts: PartsDep) -> Response:
     components = subject.system.cnf.components
     given = [choice, components, subject, asked]
     del choice, subject, asked  # a large model goes with its answer
-    return await value_response(_choice_json, given, len(components))
+    return await value_response(_choice_json, given)
 
 
 def _choice_json(choice: Choice, components: tuple[str, ...], *_: object) -> dict[str, Any]:

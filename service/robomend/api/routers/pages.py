@@ -10,7 +10,7 @@ from starlette.responses import Response
 
 from robomend.api.deps import PartsDep, PrincipalDep
 from robomend.api.gate import Admission
-from robomend.api.page_route import PageRoute, back, packed, page, read_form
+from robomend.api.page_route import PageRoute, back, packed, page, read_form, reason_of
 from robomend.api.problems import Problem
 from robomend.api.routers.control import ANSWER_S
 from robomend.api.shell import shell, wanted_parts
@@ -92,7 +92,7 @@ async def stop(request: Request, parts: PartsDep, principal: PrincipalDep) -> Re
     """Set or lift the global stop, without scripts; see POST /api/v1/stop."""
     form = await read_form(request)
     active = form.get("active") != "no"
-    change = parts.repairs.switch.ask(active, by=principal.name, reason=form.get("reason", "")[:1000])
+    change = parts.repairs.switch.ask(active, by=principal.name, reason=reason_of(form))
     await written(change, ANSWER_S if active else LIFTED_S)
     return back(ours(form.get("to", "/")))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
@@ -11,8 +12,7 @@ from markupsafe import Markup
 from starlette.responses import Response
 
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
-from robomend.api.page_route import PageRoute, back, page, read_form
-from robomend.api.page_turns import PageTurns
+from robomend.api.page_route import PageRoute, back, page, read_form, reason_of
 from robomend.api.problems import Problem
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.shell import shell, wanted_parts
@@ -59,7 +59,6 @@ async def robot_page(
 ) -> Response:
     """Show a robot: how it is and why, its repair, OBS, the board, and its past."""
     wanted = wanted_parts(request, PARTS)
-    turns: PageTurns = request.app.state.turns
     state = await parts.robots.diagnosed(robot)
     values: dict[str, Any] = {"robot": robot, "spans": SPANS_S}
     values |= _of_diagnosis(state)
@@ -74,15 +73,14 @@ async def robot_page(
     if "diagnosis" in wanted:
         values |= await _probes(parts, state)
     if "graph" in wanted:
-        await turns.others()
-        values["graph"] = _graph(state, values["found"], values["whys"])
+        values["graph"] = await asyncio.to_thread(_graph, state, values["found"], values["whys"])
     if "obs" in wanted:
         values |= {"obs": _by_one_clock(obs_out(state), state), "most": SHOWN_OBS}
     if "board" in wanted:
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
     if "past" in wanted:
-        values |= await _past(parts, turns, state, until, span)
+        values |= await _past(parts, state, until, span)
     return await page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
 
 
@@ -186,9 +184,7 @@ def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:
     )
 
 
-async def _past(
-    parts: Parts, turns: PageTurns, state: Robot, until_ms: int | None, span_s: int | None
-) -> dict[str, Any]:
+async def _past(parts: Parts, state: Robot, until_ms: int | None, span_s: int | None) -> dict[str, Any]:
     """Return the timeline of a span of time, and the addresses of those before and after it."""
     robot = state.id
     now_ms = time.time_ns() // 1_000_000
@@ -209,8 +205,8 @@ async def _past(
     figures: dict[figure.Width, Markup | None] = dict.fromkeys((figure.WIDE, figure.NARROW))
     if drawn.rows or drawn.actions:
         for width in figures:
-            await turns.others()
-            figures[width] = Markup(figure.svg(drawn, width))  # the figure escapes what it shows
+            # The figure escapes what it shows.
+            figures[width] = Markup(await asyncio.to_thread(figure.svg, drawn, width))
     return {
         "past": figures[figure.WIDE],
         "past_narrow": figures[figure.NARROW],
@@ -241,7 +237,7 @@ async def ask_for_repair(
 ) -> Response:
     """Ask for a repair of the best choice; under the policy `approve` its plan waits for a yes."""
     form = await read_form(request)
-    await parts.repairs.create(robot, bad=None, by=principal.name, reason=form.get("reason", "")[:1000])
+    await parts.repairs.create(robot, bad=None, by=principal.name, reason=reason_of(form))
     return back(f"/ui/robots/{robot}")
 
 
@@ -249,7 +245,7 @@ async def ask_for_repair(
 async def release(request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep) -> Response:
     """Let a component in quarantine be tried again."""
     form = await read_form(request)
-    component, reason = form.get("component", ""), form.get("reason", "")[:1000]
+    component, reason = form.get("component", ""), reason_of(form)
     await parts.repairs.release(robot, component, by=principal.name, reason=reason)
     return back(f"/ui/robots/{robot}")
 
@@ -275,7 +271,7 @@ async def switch_channel(
         stop=lambda: switch.stop,
         interlocked=state.interlocked,
         by=principal.name,
-        reason=form.get("reason", "")[:1000],
+        reason=reason_of(form),
     )
     return back(f"/ui/robots/{robot}")
 
@@ -300,7 +296,7 @@ async def repair_page(
 async def decide(request: Request, repair: RepairPath, parts: PartsDep, principal: PrincipalDep) -> Response:
     """Approve a repair that awaits it, or cancel one that has not ended."""
     form = await read_form(request)
-    decision, reason = form.get("decision"), form.get("reason", "")[:1000]
+    decision, reason = form.get("decision"), reason_of(form)
     if decision not in {"approve", "cancel"}:
         raise Problem(422, "the decision is approve or cancel")
     ask = parts.repairs.approve if decision == "approve" else parts.repairs.cancel

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from robomend.moments import rfc3339
 
@@ -30,7 +30,14 @@ Moment = Annotated[
         examples=["2025-11-24T16:00:00.123Z"],
     ),
 ]
-Reason = Annotated[str, Field(max_length=1000, examples=["the laser was cleaned"])]
+
+
+def one_line(text: str) -> str:
+    """Return a text as one line that shows as it reads: it stands in lists, logs and mails beside others'."""
+    return "".join(one if one.isprintable() else " " if one.isspace() else "?" for one in text)
+
+
+Reason = Annotated[str, Field(max_length=1000, examples=["the laser was cleaned"]), AfterValidator(one_line)]
 
 
 class In(BaseModel):

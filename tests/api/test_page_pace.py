@@ -7,7 +7,7 @@ import heapq
 import pytest
 from tests.api.conftest import Service
 
-from robomend.web.page_pace import PER_S, PagePace
+from robomend.api.page_route import PER_S, PagePace
 
 
 @pytest.mark.parametrize(("pages", "asked_per_s"), [(1, 5.0), (3, 15.0), (50, PER_S), (500, PER_S)])
