@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-from robomend_client.agent.feeds import AgentParts
+from robomend_client.agent.feeds import AgentParts, Deliver
 from robomend_client.beats import beat
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.telling import Telling, ToldTopic
-from robomend_client.observers import Change
+from robomend_client.observers import Change, Sight
 from robomend_client.yaml_reader import Section
 
 NODES, DIAGNOSTICS = "nodes", "diagnostics"
@@ -59,6 +59,9 @@ class RosBridge(ABC):
         self._parts: AgentParts | None = None
         self._telling: Telling | None = None
         self._names_seen: set[str] = set()
+        self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
+        self._unseen: frozenset[str] = frozenset()  # topics at which the bridge does not look now
+        self._deliver: Deliver | None = None  # while it runs
 
     def attach(self, parts: AgentParts) -> None:
         """Be a part of this agent; without one, the bridge only feeds observers."""
@@ -72,6 +75,25 @@ class RosBridge(ABC):
     @abstractmethod
     def read_now(self) -> None:
         """Deliver what has come by now; an agent asks for it each beat, and before it judges."""
+
+    def look(self, unseen: Collection[str], read: Callable[[], None]) -> None:
+        """Deliver what comes by `read`, and before and after it, what is not looked at and is again.
+
+        Args:
+            unseen: topics, by their names in ROS.
+        """
+        now = frozenset(unseen)
+        for topic in now - self._unseen:
+            self._tell_sight(topic, Sight.LOST)
+        read()
+        for topic in self._unseen - now:
+            self._tell_sight(topic, Sight.BACK)
+        self._unseen = now
+
+    def _tell_sight(self, topic: str, sight: Sight) -> None:
+        if self._deliver is not None:
+            for source, _ in self._topics.get(topic, ()):
+                self._deliver(source, sight, None)
 
     # --- for those who derive from it --------------------------------------------------------------------
 

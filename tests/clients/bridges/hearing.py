@@ -25,8 +25,11 @@ class Heard:
         self.sights: dict[str, list[Sight]] = {}
         self.log: list[str] = []
         self.task: asyncio.Task[None] | None = None
+        self.listener: Callable[[str, object, int | None], None] | None = None  # hears it all, too
 
     def deliver(self, source: str, value: object, time_ns: int | None) -> None:
+        if self.listener is not None:
+            self.listener(source, value, time_ns)
         if isinstance(value, Sight):
             self.sights.setdefault(source, []).append(value)
         else:

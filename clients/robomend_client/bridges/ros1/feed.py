@@ -80,7 +80,6 @@ class Ros1(RosBridge):
             if not NAME.match(name):
                 raise section.error("serve", f"must be names of actions, not {name!r}")
         self._readers = MessageReaders()
-        self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
         self._services: dict[str, str] = {}  # source -> service
         for source in sorted(sources - {NODES}):
             if source.startswith(SERVICES):
@@ -96,14 +95,14 @@ class Ros1(RosBridge):
 
     def read_now(self) -> None:
         if self._node is not None:
-            self._node.read_now()
+            self.look(self._node.unseen, self._node.read_now)
 
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""
         parts = self._parts
         now_ns = time.time_ns if parts is None else parts.clock.now_ns
         node = RosNode(self.node_name, self.master_uri, self.address, self.problems, now_ns)
-        self._node = node
+        self._node, self._deliver = node, deliver
         liveness = self._liveness(node, deliver) if self._watches_nodes else None
         for topic, wanted in self._topics.items():
             hears = _Hearing(self, topic, wanted, deliver, liveness)

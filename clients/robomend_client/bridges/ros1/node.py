@@ -88,6 +88,16 @@ class RosNode:
         """Take in what has come on all topics by now: nobody else does, but for what is read as it comes."""
         self._bursts.read()
 
+    @property
+    def unseen(self) -> set[str]:
+        """Topics of which nothing would be heard if there were something: no publisher is connected, and who
+        publishes is not known.
+        """
+        known = self.known.is_set()
+        return {
+            topic for topic, one in self._subscriptions.items() if not one.linked and (one.open or not known)
+        }
+
     async def run(self) -> None:
         """Be a node until cancelled."""
         try:

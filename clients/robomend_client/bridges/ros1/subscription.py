@@ -99,6 +99,18 @@ class Subscription:
         self._wanted: frozenset[str] = frozenset()
         self._links: dict[str, asyncio.Task[None]] = {}
         self._closed = False
+        self._standing: set[str] = set()  # publishers that are connected
+        self._open: set[str] = set()  # those that it is to be seen of whether they can be
+
+    @property
+    def linked(self) -> bool:
+        """Whether any publisher is connected."""
+        return bool(self._standing)
+
+    @property
+    def open(self) -> bool:
+        """Whether a publisher may be there that is not connected (yet, or any more)."""
+        return bool(self._open)
 
     def add(self, on_message: OnMessage, keep: bool, on_link: OnLink | None) -> None:
         """Somebody else wants the topic, too: before the first connection."""
@@ -113,6 +125,7 @@ class Subscription:
             return
         self._wanted = frozenset(list(dict.fromkeys(uris))[:MOST_PUBLISHERS])
         for uri in self._wanted - self._links.keys():
+            self._open.add(uri)
             self._links[uri] = asyncio.create_task(self._link(uri), name=f"{self.topic} from {uri}")
 
     async def close(self) -> None:
@@ -130,10 +143,12 @@ class Subscription:
             await asyncio.to_thread(import_module, "rosbags.typesys")
         try:
             while uri in self._wanted:
+                lost = False
                 try:
                     if await self._listen(uri):
                         wait_s = FIRST_WAIT_S
                         self._problems.over(place)
+                    lost = True  # whether it can be connected again is yet to be seen
                 except (NobodyListens, OutOfReach) as error:  # of one that is gone, once for all its topics
                     hint = NAMES if isinstance(error, OutOfReach) else ""
                     if uri in self._wanted:
@@ -141,9 +156,12 @@ class Subscription:
                 except (PeerError, ProtocolError) as error:
                     if uri in self._wanted:
                         self._problems.tell(place, error)
+                if not lost:
+                    self._open.discard(uri)  # nobody is there, or no way there: what does not come is silent
                 await asyncio.sleep(wait_s)
                 wait_s = min(2 * wait_s, LONGEST_WAIT_S)
         finally:
+            self._open.discard(uri)
             del self._links[uri]
 
     async def _listen(self, uri: str) -> bool:
@@ -214,11 +232,15 @@ class Subscription:
             )
         self.type, self._md5 = publisher.type, publisher.md5
         self._problems.over(f"the publisher at {stream.uri}")
+        self._standing.add(stream.uri)
+        self._open.discard(stream.uri)
         for on_link in self._on_link:
             on_link(publisher, True)
         return publisher
 
     def lost(self, publisher: Publisher) -> None:
+        self._standing.discard(publisher.uri)
+        self._open.add(publisher.uri)
         for on_link in self._on_link:
             on_link(publisher, False)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Hashable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Hashable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -46,6 +46,9 @@ TABLE_S = 0.5
 MOST_UNTOLD = 3
 """Whoever was found and has not told its nodes after so many times discovery_s will not do so."""
 
+DROPPED_S = 5.0
+"""Others drop us when they have not heard us for twice as long; to find us again takes as long."""
+
 MOST_WRITERS = 4096
 
 LookAtNodes = Callable[[], Awaitable["Mapping[str, bool | None] | None"]]
@@ -79,6 +82,42 @@ class Ros2Node(Protocol):
     def read_now(self) -> None:
         """Hand on what has come by now."""
 
+    @property
+    def unseen(self) -> Collection[str]:
+        """Topics of which nothing would be heard now if there were something."""
+        ...
+
+
+class Unheard:
+    """Topics that are not looked at until something of them is heard, or until a time.
+
+    So it is with all of them when the network was just entered, and when nobody looked for so long that
+    others may have dropped us: until who is there has been found, nothing that does not come is silent.
+    """
+
+    def __init__(self, found_s: float) -> None:
+        """`found_s`: who is there has been found after so long."""
+        self._found_s = found_s
+        self._until_s: dict[str, float] = {}
+        self._looked_s = time.monotonic()
+
+    def of(self, topics: Iterable[str]) -> None:
+        """Nothing can be heard of these yet."""
+        self._until_s |= dict.fromkeys(topics, time.monotonic() + self._found_s)
+
+    def look(self, topics: Iterable[str]) -> None:
+        """Look at the clock: called again and again."""
+        before_s, self._looked_s = self._looked_s, time.monotonic()
+        if self._looked_s - before_s > DROPPED_S:
+            self._until_s |= dict.fromkeys(topics, self._looked_s + DROPPED_S)
+
+    def heard(self, topic: str) -> None:
+        self._until_s.pop(topic, None)
+
+    def __iter__(self) -> Iterator[str]:
+        now_s = time.monotonic()
+        return iter([topic for topic, until_s in self._until_s.items() if now_s < until_s])
+
 
 class Ros2Bridge(RosBridge):
     """All that does not depend on how the messages come."""
@@ -99,7 +138,6 @@ class Ros2Bridge(RosBridge):
         self.messages = tuple(base / folder for folder in section.texts("messages"))
         self._readers = MessageReaders(folders_of(os.environ, self.messages))
         self._ages: dict[Hashable, Ages] = {}
-        self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
         for source in sorted(sources - {NODES}):
             if source == DIAGNOSTICS:
                 self._topics.setdefault(ALL_DIAGNOSTICS, []).append((source, "status"))
@@ -117,7 +155,7 @@ class Ros2Bridge(RosBridge):
 
     def read_now(self) -> None:
         if self._node is not None:
-            self._node.read_now()
+            self.look(self._node.unseen, self._node.read_now)
 
     async def be(
         self,
@@ -135,7 +173,7 @@ class Ros2Bridge(RosBridge):
         """
         for topic, wanted in self._topics.items():
             node.subscribe(topic, self._hearing(topic, wanted, deliver))
-        self._node = node
+        self._node, self._deliver = node, deliver
         works = [work] if self._parts is not None else [work, self.read_on()]
         if self._watches_nodes:
             works.append(self._tables(look, untold, deliver))
@@ -165,7 +203,7 @@ class Ros2Bridge(RosBridge):
 
     def _said(self, listening: Listening, message: Message) -> None:
         """Somebody has said something on /observations: in `data`, or in a list `obs`."""
-        if not message.node or listening.ignores(message.node):
+        if message.node in ("", self.node_name) or listening.ignores(message.node):
             return
         try:
             opened = self._opened(message)

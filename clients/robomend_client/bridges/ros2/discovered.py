@@ -61,7 +61,7 @@ class Discovered:
         self.endpoints: dict[bytes, Endpoint] = {}
         self.entities: dict[bytes, Entities] = {}
         self.lost: dict[Participant, tuple[str, ...]] = {}  # gone, and the nodes it had not taken back
-        self._silent: set[bytes] = set()  # gone, and have not told anything since
+        self._silent: dict[bytes, frozenset[str]] = {}  # gone, and have not told anything since; its topics
         self.gid_size = 0  # of others' messages; 0: none came yet
         self._owners: dict[bytes, str] = {}
         self._by_handle: dict[int, Endpoint] = {}
@@ -74,12 +74,15 @@ class Discovered:
     def participant_gone(self, key: bytes) -> None:
         """It said goodbye, or is not heard any more: who ends in order takes its nodes back before."""
         gone, told = self.participants.pop(key, None), self.entities.pop(key, None)
+        topics = frozenset(
+            one.topic for one in self.endpoints.values() if one.participant == key and one.writes
+        )
         if told is None:
             return
         self._claim()
         if gone is not None and told.nodes and len(self.lost) < MOST_PARTICIPANTS > len(self._silent):
             self.lost[gone] = tuple(node.name for node in told.nodes)
-            self._silent.add(key)
+            self._silent[key] = topics
 
     def endpoint(self, found: Endpoint) -> None:
         if len(self.endpoints) < MOST_ENDPOINTS:
@@ -103,7 +106,7 @@ class Discovered:
             if found.participant != self.own:
                 self.gid_size = found.gid_size
             self._claim()
-            self._silent.discard(found.participant)
+            self._silent.pop(found.participant, None)
             again = {node.name for node in found.nodes}
             for gone, nodes in tuple(self.lost.items()):
                 left = tuple(name for name in nodes if name not in again)
@@ -151,6 +154,11 @@ class Discovered:
         return any(p.is_ros and p.key not in self.entities for p in self.participants.values())
 
     @property
+    def unknown_nodes(self) -> set[bytes]:
+        """Participants that have not told their nodes."""
+        return self.participants.keys() - self.entities.keys()
+
+    @property
     def unnamed(self) -> bool:
         """Whether there are topics and services of which it may still be told whose they are."""
         return any(
@@ -162,7 +170,25 @@ class Discovered:
     @property
     def returned(self) -> set[bytes]:
         """Participants that had gone, are heard again, and do not tell their nodes (yet)."""
-        return self._silent & self.participants.keys()
+        return self._silent.keys() & self.participants.keys()
+
+    @property
+    def untold_topics(self) -> set[str]:
+        """Topics on the wire of which only such participants were writers."""
+        topics = {topic for key in self.returned for topic in self._silent[key]}
+        return {topic for topic in topics if not self.writers(topic)}
+
+    def knows_writers_of(self, other: Discovered, topics: Iterable[str]) -> bool:
+        """Return whether of these topics all writers are known here that another one knows."""
+        return all(
+            one.key in self.endpoints or one.participant not in other.participants
+            for topic in topics
+            for one in other.writers(topic)
+        )
+
+    def become(self, other: Discovered) -> None:
+        """Know what another one knows, and nothing else."""
+        self.__dict__.update(other.__dict__)
 
     def nodes(self, alive: Mapping[bytes, bool | None]) -> dict[str, bool | None]:
         """Return which nodes run; None: it is unknown. `alive` has the participants of which something is

@@ -41,15 +41,14 @@ class Ros2(Ros2Bridge):
         lost: Mapping[Participant, tuple[str, ...]] = {}
         while True:
             dds = await self._open()
-            node = DdsNode(self.node_name, self.problems)
+            node = DdsNode(self.node_name, self.problems, self.discovery_s)
             node.found.lost.update(lost)
             liveness = Liveness(node.found, self.problems)
             try:
                 untold = partial(getattr, node.found, "untold")
                 await self.be(_Named(node), node.run(dds), liveness.look, untold, deliver)
             except Forgotten:
-                why = "nodes that were out of reach do not tell again what they have"
-                self.problems.tell("DDS", f"{why}: the domain is entered anew")
+                self.problems.tell("DDS", "nor do they tell it somebody else: it is left, and entered anew")
                 lost = node.found.lost
             finally:
                 liveness.close()
@@ -83,12 +82,16 @@ class _Named:
     def read_now(self) -> None:
         self._node.read_now()
 
+    @property
+    def unseen(self) -> set[str]:
+        return self._node.unseen
+
     def _handing(self, on_message: OnMessage) -> Callable[[Endpoint, Sample], None]:
         found = self._node.found
 
         def handed(writer: Endpoint, sample: Sample) -> None:
             name = found.name_of(writer)
-            told = (writer.type, writer.type_hash, sample.writer, name, sample.time_ns)
+            told = (writer.type, writer.type_hash, writer.key or sample.writer, name, sample.time_ns)
             on_message(Message(sample.data, *told))
 
         return handed

@@ -2,35 +2,48 @@
 
 every LOOK_S   what is new on the network? ──► readers for its writers, mismatches, our own entities
 `read_now`     what has come in? ──► whoever wants the topic
+
+Somebody whom we had lost, and who had not lost us, does not tell again what it has: so it is when one was
+halted, or a network split, for longer than the one's lease and shorter than the other's. A participant with
+another key is told everything. So the domain is entered once more, beside the part that hears all the others,
+and only when the new one knows them, too, does it take the old one's place:
+
+    old part    hears the others ─────────────────────────────┐ closed
+    new part         entered, is told of all ── reads them, too ┴─► hands on what is newer
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from robomend_client.beats import beat
 from robomend_client.bridges.problems import Complaint, Problems
 from robomend_client.bridges.ros2 import entities
-from robomend_client.bridges.ros2.base import LOOK_S
+from robomend_client.bridges.ros2.base import LOOK_S, Unheard
 from robomend_client.bridges.ros2.cdr import BadCdr
-from robomend_client.bridges.ros2.dds import Dds, RawReader, RawWriter
+from robomend_client.bridges.ros2.dds import Dds, NoDds, RawWriter
 from robomend_client.bridges.ros2.discovered import Discovered
 from robomend_client.bridges.ros2.entities import Entities, NodeEntities
-from robomend_client.bridges.ros2.names import wire_topic, wire_type
+from robomend_client.bridges.ros2.names import ros_topic, wire_topic, wire_type
 from robomend_client.bridges.ros2.topics import ListenedTopic, OnSample
 
-TELL_S = 5.0
-"""Whoever is heard again tells its nodes within so long."""
+TELL_S = 2.0
+"""Whoever is heard again tells its nodes within so long, or does not."""
+
+READS_S = 1.0
+"""Writers send to a new reader within so long after both have been found."""
+
+MOST_S = 10.0
+"""So long, at most, is waited until the new part knows all that the old one does."""
+
+AGAIN_S = 10.0
+"""Between two tries: one that is in vain, as somebody tells nothing to anybody, costs little."""
 
 
 class Forgotten(Exception):
-    """Somebody whom we had lost, and who had not lost us, does not tell again what it has.
-
-    That is so when a network was split for longer than the one's lease and shorter than the other's: the one
-    waits to be told, the other has told it all. A participant with another key is told everything.
-    """
+    """Also a second part of ours is not told: the domain must be left and entered anew."""
 
 
 @dataclass
@@ -55,22 +68,22 @@ class ToldByUs:
 class DdsNode:
     """One node. Topics are named with their slash, types as std_msgs/String."""
 
-    def __init__(self, name: str, problems: Problems) -> None:
+    def __init__(self, name: str, problems: Problems, discovery_s: float = 3.0) -> None:
+        """Who is there is found within `discovery_s`."""
         self.name = name
         self.problems = problems
         self.found = Discovered()
-        self._topics: dict[str, ListenedTopic] = {}
+        self._wanted: dict[str, list[OnSample]] = {}
         self._told: list[ToldByUs] = []
         self._mismatches: set[str] = set()
-        self._announced: Entities | None = None
-        self._returned_s: dict[bytes, float] = {}  # since when
+        self._unheard = Unheard(discovery_s)
+        self._part: _Part | None = None
+        self._next: _Part | None = None
+        self._again_s = float("-inf")  # when the domain was last entered once more
 
     def subscribe(self, topic: str, on_sample: OnSample) -> None:
         """Listen to a topic, as soon as somebody publishes it."""
-        if (known := self._topics.get(topic)) is not None:
-            known.add(on_sample)
-        else:
-            self._topics[topic] = ListenedTopic(topic, on_sample, self.problems)
+        self._wanted.setdefault(topic, []).append(on_sample)
 
     def publish(self, topic: str, kind: str) -> ToldByUs:
         """Offer a topic."""
@@ -80,66 +93,92 @@ class DdsNode:
 
     def read_now(self) -> None:
         """Hand on what has come in."""
-        for topic in self._topics.values():
-            topic.take(self.found)
+        if self._part is not None:
+            for topic in self._part.take():
+                self._unheard.heard(topic)
+
+    @property
+    def unseen(self) -> set[str]:
+        """Topics of which nothing would be heard now if there were something."""
+        self._unheard.look(self._wanted)
+        untold = (ros_topic(topic) for topic in self.found.untold_topics)
+        return {*self._unheard, *(topic for topic in untold if topic in self._wanted)}
 
     async def run(self, dds: Dds) -> None:
-        """Be a node until cancelled.
+        """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
 
         Raises:
             Forgotten: the domain must be entered anew.
         """
-        self.found.own = dds.key
-        graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
-        graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
-        for told in self._told:
-            told.writer = dds.writer(wire_topic(told.topic), wire_type(told.kind))
+        part = self._part = _Part(self, dds, self.found)
+        for told, writer in zip(self._told, part.writers, strict=True):
+            told.writer = writer
+        self._unheard.of(self._wanted)
         try:
             while True:
-                self._look(dds, graph_in, graph_out)
+                if self._part.look():
+                    self._tell_mismatches()
+                self._look_at_returned(self._part)
                 await beat(LOOK_S)
         finally:
             for told in self._told:
-                if told.writer is not None:
-                    told.writer.close()
-                    told.writer = None
-            for topic in self._topics.values():
-                topic.close()
-            graph_in.close()
-            graph_out.close()
+                told.writer = None
+            for one in (self._next, self._part):
+                if one is not None:
+                    one.close()
+                    if one.dds is not dds:
+                        one.dds.close()
+            self._part = self._next = None
 
-    def _look(self, dds: Dds, graph_in: RawReader, graph_out: RawWriter) -> None:
-        changed = dds.discover(self.found)
-        for sample in graph_in.take():
-            changed = True
-            try:
-                self.found.told(entities.decode(sample.data))
-            except BadCdr as error:
-                self.problems.tell(entities.TOPIC, Complaint("a message cannot be read", str(error)))
-        if changed:
-            for topic in self._topics.values():
-                topic.follow(dds, self.found)
-            self._announce(graph_out)
-            self._tell_mismatches()
+    # --- once more ---------------------------------------------------------------------------------------
 
-        self._look_at_returned()
-
-    def _look_at_returned(self) -> None:
+    def _look_at_returned(self, part: _Part) -> None:
+        """Enter the domain once more where somebody is heard again and does not tell what it has."""
+        new = self._next
+        if new is not None:
+            new.look()
+            if new.is_ready(part):
+                if self.found.returned & new.found.unknown_nodes:
+                    raise Forgotten
+                self._change_over(part, new)
+            return
         now_s = time.monotonic()
-        self._returned_s = {key: self._returned_s.get(key, now_s) for key in self.found.returned}
-        if any(now_s - since_s > TELL_S for since_s in self._returned_s.values()):
-            raise Forgotten
+        part.returned_s = {key: part.returned_s.get(key, now_s) for key in self.found.returned}
+        waited_s = max((now_s - since_s for since_s in part.returned_s.values()), default=0.0)
+        if waited_s > TELL_S and now_s - self._again_s > AGAIN_S:
+            self._again_s = now_s
+            why = "nodes that were out of reach do not tell again what they have"
+            self.problems.tell("DDS", f"{why}: the domain is entered once more")
+            found = Discovered()
+            found.lost.update(self.found.lost)
+            try:
+                self._next = _Part(self, part.dds.again(), found)
+            except NoDds as error:
+                self.problems.tell("DDS", str(error))
 
-    def _announce(self, graph_out: RawWriter) -> None:
-        """Say which readers and writers are ours, as others say it."""
-        readers = (topic.key for topic in self._topics.values())
-        writers = (told.writer.key for told in self._told if told.writer is not None)
-        own = NodeEntities(self.name, _known(readers), tuple(writers))
-        said = Entities(self.found.own, (own,), self.found.gid_size or entities.GID)
-        if said != self._announced:
-            graph_out.write(entities.encode(said))
-            self._announced = said
-            self.found.told(said)
+    def _change_over(self, old: _Part, new: _Part) -> None:
+        """Have the new part take the old one's place; of nobody is anything lost, or heard twice."""
+        unknown = [
+            name
+            for name, topic in old.topics.items()
+            if not new.found.knows_writers_of(old.found, [topic.wire])
+        ]
+        old.take()
+        taken_ns = {
+            name: {key: at_ns for key, at_ns in topic.newest_ns.items() if key in old.found.endpoints}
+            for name, topic in old.topics.items()
+        }
+        self.found.become(new.found)
+        new.found = self.found
+        for told, writer in zip(self._told, new.writers, strict=True):
+            told.writer = writer
+        for name in new.take(taken_ns):
+            self._unheard.heard(name)
+        self._unheard.of(unknown)
+        self._part, self._next = new, None
+        old.close()
+        old.dds.close()
+        self.problems.over("DDS")
 
     def _tell_mismatches(self) -> None:
         found = self.found.mismatches()
@@ -148,6 +187,78 @@ class DdsNode:
         for topic in self._mismatches - found.keys():
             self.problems.over(f"{topic}, its nodes")
         self._mismatches = set(found)
+
+
+class _Part:
+    """One participant of ours: what it hears, what it tells, and what it has discovered."""
+
+    def __init__(self, node: DdsNode, dds: Dds, found: Discovered) -> None:
+        self.dds = dds
+        self.found = found
+        found.own = dds.key
+        self._node = node
+        self.topics = {
+            topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in node._wanted.items()
+        }
+        self.writers = [dds.writer(wire_topic(told.topic), wire_type(told.kind)) for told in node._told]
+        self.returned_s: dict[bytes, float] = {}  # since when
+        self._graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
+        self._graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
+        self._announced: Entities | None = None
+        self._began_s = time.monotonic()
+        self._complete_s: float | None = None  # since when it knows all that the part before it does
+
+    def look(self) -> bool:
+        """See what is new on the network; return whether anything was."""
+        problems = self._node.problems
+        changed = self.dds.discover(self.found)
+        for sample in self._graph_in.take():
+            changed = True
+            try:
+                self.found.told(entities.decode(sample.data))
+            except BadCdr as error:
+                problems.tell(entities.TOPIC, Complaint("a message cannot be read", str(error)))
+        if changed:
+            for topic in self.topics.values():
+                topic.follow(self.dds, self.found)
+            self._announce()
+        return changed
+
+    def take(self, after_ns: Mapping[str, Mapping[bytes, int]] | None = None) -> list[str]:
+        """Hand on what has come in, of each topic and writer what is newer than that; return of which."""
+        return [
+            name
+            for name, topic in self.topics.items()
+            if topic.take(self.found, None if after_ns is None else after_ns.get(name))
+        ]
+
+    def is_ready(self, old: _Part) -> bool:
+        """Return whether this part may take another's place: it knows what that one knows, and reads it."""
+        now_s = time.monotonic()
+        topics = [topic.wire for topic in old.topics.values()]
+        if self.found.untold or not self.found.knows_writers_of(old.found, topics):
+            self._complete_s = None
+        elif self._complete_s is None:
+            self._complete_s = now_s
+        complete = self._complete_s is not None and now_s - self._complete_s > READS_S
+        return complete or now_s - self._began_s > MOST_S
+
+    def close(self) -> None:
+        for topic in self.topics.values():
+            topic.close()
+        for writer in (*self.writers, self._graph_out):
+            writer.close()
+        self._graph_in.close()
+
+    def _announce(self) -> None:
+        """Say which readers and writers are ours, as others say it."""
+        readers = (topic.key for topic in self.topics.values())
+        own = NodeEntities(self._node.name, _known(readers), tuple(writer.key for writer in self.writers))
+        said = Entities(self.found.own, (own,), self.found.gid_size or entities.GID)
+        if said != self._announced:
+            self._graph_out.write(entities.encode(said))
+            self._announced = said
+            self.found.told(said)
 
 
 def _known(keys: Iterable[bytes | None]) -> tuple[bytes, ...]:

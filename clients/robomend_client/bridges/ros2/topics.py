@@ -6,7 +6,7 @@ latched. A topic whose writer changes its type is heard on, by the new one, and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from robomend_client.bridges.problems import Problems
@@ -17,25 +17,24 @@ from robomend_client.bridges.ros2.names import ros_type, wire_topic
 DEPTH = 100
 """Samples of one topic that may come between two looks: 1 kHz, and twice that."""
 
+MOST_WRITERS = 1024
+
 OnSample = Callable[[Endpoint, Sample], None]
 
 
 class ListenedTopic:
     """One topic, by its name in ROS."""
 
-    def __init__(self, topic: str, on_sample: OnSample, problems: Problems) -> None:
+    def __init__(self, topic: str, on_sample: Sequence[OnSample], problems: Problems) -> None:
         self.topic = topic
-        self._wire = wire_topic(topic)
-        self._on_sample = [on_sample]
+        self.wire = wire_topic(topic)
+        self.newest_ns: dict[bytes, int] = {}  # writer -> its stamp on what was taken last
+        self._on_sample = on_sample
         self._problems = problems
         self._reader: RawReader | None = None
         self._reads: tuple[str, bool] | None = None  # type on the wire, latched
         self._writer: Endpoint | None = None  # the newest
         self._changed_from = ""  # a type, as long as that is to be told
-
-    def add(self, on_sample: OnSample) -> None:
-        """Somebody else wants the topic, too."""
-        self._on_sample.append(on_sample)
 
     @property
     def key(self) -> bytes | None:
@@ -44,7 +43,7 @@ class ListenedTopic:
 
     def follow(self, dds: Dds, found: Discovered) -> None:
         """Listen as its writers speak now."""
-        writers = found.writers(self._wire)
+        writers = found.writers(self.wire)
         if not writers:
             return
         reads = choose(writers)
@@ -60,18 +59,28 @@ class ListenedTopic:
         self.close()
         self._reads = reads
         try:
-            self._reader = dds.reader(self._wire, reads[0], DEPTH, reads[1])
+            self._reader = dds.reader(self.wire, reads[0], DEPTH, reads[1])
         except NoDds as error:
             self._problems.tell(self.topic, str(error))
 
-    def take(self, found: Discovered) -> None:
-        """Hand on what has come in."""
+    def take(self, found: Discovered, after_ns: Mapping[bytes, int] | None = None) -> bool:
+        """Hand on what has come in; return whether anything had.
+
+        With `after_ns`, of each writer in there what is newer than that; of others only what is latched: what
+        waited of them came over some time, and would all count as having come now.
+        """
         if self._reader is None:
-            return
-        for sample in self._reader.take():
+            return False
+        samples = self._reader.take()
+        others_ns = 0 if self._reads is not None and self._reads[1] else 1 << 62
+        for sample in samples:
             writer = found.writer(sample.writer) or self._somebody()
-            for on_sample in self._on_sample:
-                on_sample(writer, sample)
+            if len(self.newest_ns) < MOST_WRITERS:
+                self.newest_ns[writer.key] = sample.time_ns
+            if after_ns is None or sample.time_ns > after_ns.get(writer.key, others_ns):
+                for on_sample in self._on_sample:
+                    on_sample(writer, sample)
+        return bool(samples)
 
     def _somebody(self) -> Endpoint:
         """Return a writer that has gone, or has just begun and is not discovered yet: it has no name."""

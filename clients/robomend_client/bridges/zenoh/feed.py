@@ -42,7 +42,7 @@ class Zenoh(Ros2Bridge):
         session = await self._open()
         try:
             where = ", ".join(self.connect) or str(self.config)
-            node = ZenohNode(self.node_name, self.domain, where, self.problems)
+            node = ZenohNode(self.node_name, self.domain, where, self.problems, self.discovery_s)
             liveness = Liveness(node, session, self.discovery_s)
             await self.be(node, node.run(session), liveness.look, lambda: False, deliver)
         finally:

@@ -9,7 +9,7 @@ import asyncio
 import time
 
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.ros2.base import OnMessage
+from robomend_client.bridges.ros2.base import OnMessage, Unheard
 from robomend_client.bridges.zenoh.graph import Graph
 from robomend_client.bridges.zenoh.keys import NODE, TOKENS, BadKey, LivelinessToken, token_key
 from robomend_client.bridges.zenoh.session import Link, ZenohSession
@@ -22,8 +22,10 @@ ALONE_S = 2.0
 class ZenohNode:
     """One node. Topics are named with their slash, types as std_msgs/String."""
 
-    def __init__(self, name: str, domain: int, where: str, problems: Problems) -> None:
-        """`where` others should be, for the log."""
+    def __init__(
+        self, name: str, domain: int, where: str, problems: Problems, discovery_s: float = 3.0
+    ) -> None:
+        """`where` others should be, for the log; who is there is found within `discovery_s`."""
         self.name = name
         self.domain = domain
         self._where = where
@@ -37,6 +39,7 @@ class ZenohNode:
         self._topics: dict[str, HeardTopic] = {}
         self._told: list[OfferedTopic] = []
         self._mismatches: set[str] = set()
+        self._unheard = Unheard(discovery_s)
 
     def subscribe(self, topic: str, on_message: OnMessage) -> None:
         """Listen to a topic, whoever publishes it."""
@@ -57,7 +60,14 @@ class ZenohNode:
             return
         self._look(self._session)
         for topic in self._topics.values():
-            topic.take(self.graph)
+            if topic.take(self.graph):
+                self._unheard.heard(topic.topic)
+
+    @property
+    def unseen(self) -> set[str]:
+        """Topics of which nothing would be heard now if there were something: all, without a connection."""
+        self._unheard.look(self._topics)
+        return set(self._topics) if self.connected_s is None else set(self._unheard)
 
     async def run(self, session: ZenohSession) -> None:
         """Be a node until cancelled."""
@@ -100,6 +110,7 @@ class ZenohNode:
             self._alone_s = now_s
             if self.connected_s is None:
                 self.connected_s = now_s
+                self._unheard.of(self._topics)
                 self.problems.over("the network")
             return
         self.connected_s = None

@@ -63,10 +63,11 @@ class HeardTopic:
                 self._problems.tell(self.topic, f"{what}, where {before} came before")
             self._type = publishers[-1].type
 
-    def take(self, graph: Graph) -> None:
-        """Hand on what has come in."""
+    def take(self, graph: Graph) -> bool:
+        """Hand on what has come in; return whether anything had."""
         if self._reader is None:
-            return
+            return False
+        came = False
         for sample in self._reader.take():
             kind, type_hash = type_of(sample.key)
             about = read_attachment(sample.attachment)
@@ -78,8 +79,10 @@ class HeardTopic:
                 size = f"{len(sample.attachment)} bytes"
                 self._problems.tell(place, Complaint("not understood, timed by its arrival", size))
             message = Message(sample.data, kind, type_hash, writer or node, node, stamp_ns)
+            came = True
             for on_message in self._on_message:
                 on_message(message)
+        return came
 
     def close(self) -> None:
         if self._reader is not None:

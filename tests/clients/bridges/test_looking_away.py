@@ -1,0 +1,98 @@
+"""A node, or the agent, is halted for longer than others wait for it: nothing of the others is silent."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.bridges.any_robot import ORIGINS, AnyRobot, any_robot
+from tests.clients.bridges.ros2.listening import hearing
+from tests.clients.bridges.ros2.test_split import soon_lost
+from tests.clients.running_agent import agent, config
+from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.ros2 import robot as ros2_robot
+
+from robomend_client.observers import Change, Driver, GeneralObserver, Rate
+
+LONG_S = 12.0
+"""Longer than our lease in DDS, of 10 s: then all others have dropped us."""
+
+CALM = Rate(10, 8)
+
+
+@pytest.fixture(params=ORIGINS)
+def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[AnyRobot]:
+    with any_robot(request.param, tmp_path) as found:
+        yield found
+
+
+def said(service: ServiceDouble, since: int) -> set[str]:
+    return {literal for batch in service.batches()[since:] for literal in batch["observations"]}
+
+
+def test_an_agent_that_was_halted_finds_the_robot_as_it_was(robot: AnyRobot, tmp_path: Path) -> None:
+    for name in ("laser", "motor"):
+        node = robot.node(name)
+        node.do("publish", topic=f"/{name}", type="std_msgs/String", rate=10)
+    topics = {name: {"from": robot.origin, "first_s": 60, "tolerance_hz": 8} for name in ("laser", "motor")}
+    sections: dict[str, Any] = {
+        robot.origin: robot.section,
+        "topics": topics,
+        "observers": {"nodes": {**robot.watched, "nodes": ["laser", "motor"]}},
+    }
+    well = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
+    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
+        eventually(lambda: well.items() <= service.signs().items(), "all well", 60)
+        halted.send_signal(signal.SIGSTOP)
+        time.sleep(LONG_S)  # time itself is what passes unseen
+        batches = len(service.batches())
+        halted.send_signal(signal.SIGCONT)
+        eventually(lambda: len(service.batches()) > batches + 10, "more of it", 60)
+        eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
+        assert said(service, batches) == set(well)
+
+
+def test_one_peer_that_was_halted_for_longer_than_its_lease_leaves_all_others_as_they_were(
+    tmp_path: Path,
+) -> None:
+    """It had not lost us, and does not tell again what it has: somebody else of ours has to ask it."""
+    others = ("motor", "camera")
+
+    async def test() -> None:
+        changes: list[Change] = []
+        driver = Driver([GeneralObserver(name, CALM) for name in (*others, "laser")], time.time_ns())
+
+        async with hearing(ros, *others, "laser", "nodes", more="discovery_s: 1") as heard:
+
+            def listened(source: str, value: object, time_ns: int | None) -> None:
+                now_ns = time.time_ns()
+                changes.extend(driver.sample(source, time_ns or now_ns, value, now_ns))
+
+            heard.listener = listened
+            for source in (*others, "laser"):
+                await heard.more(source, 20)
+            await heard.runs(dict.fromkeys(ros.nodes, True))
+            changes.clear()
+            ros.nodes["laser"].signal(signal.SIGSTOP)
+            await heard.until(lambda: not heard.last("nodes").get("laser", False), "it is frozen")
+            await asyncio.sleep(4)  # until its lease is over: nothing says when
+            ros.nodes["laser"].signal(signal.SIGCONT)
+            await heard.more("laser", 30)
+            await heard.runs(dict.fromkeys(ros.nodes, True))
+            assert heard.lines("the domain is entered once more")
+            assert not heard.lines("entered anew")
+            for name in others:
+                assert heard.sees(name)
+        # Of the others nothing was heard less, or twice; the one that was halted was silent, and is well.
+        assert [str(c.value) for c in changes if c.atom.args[0] in others] == []
+        assert str([c for c in changes if c.atom.args == ("laser",)][-1].value) == "ok(laser)"
+
+    with ros2_robot(tmp_path, more=soon_lost(tmp_path)) as ros:
+        for name in (*others, "laser"):
+            ros.node(name).do("publish", topic=f"/{name}", type="std_msgs/String", rate=10)
+        asyncio.run(test())
