@@ -6,15 +6,24 @@
 
 The wait ends: then a person is told what nobody could confirm, or, where those who should have are known to
 speak on change only, the repair says so of itself.
+
+What a round is credited with: a symptom that came back after an act which influences it was sent, and stayed
+for as long as its observers may need to see it again. What came back before, or without such an act, came
+back by itself; and what may have, as something that it rests on was interrupted and is back without us, is
+credited to nobody either.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Awaitable, Callable, Collection, Iterable
 from datetime import UTC, datetime
 
+from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.planning.influence import influenced
+from robomend.model.components import ComponentModel
+from robomend.observations.unconfirmed import GUARD_NS
+from robomend.planning.influence import influenced, needed
 from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.repairs.conclusions import Silent, named
 from robomend.repairs.execution_values import StepReport
@@ -23,12 +32,15 @@ from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
-from robomend.robots.sight import SLACK_S
+from robomend.robots.sight import SLACK_NS, SLACK_S
 from robomend.store.records import Json
 from robomend_client.actions import REFUSED, UNREACHABLE, Action, ActionResult
 from robomend_client.literals import Atom
 
 LOOK_S = 0.25
+
+MOST_STAYS_S = 60.0
+"""For what came back to stay, however slow its observers are."""
 
 DID_NOT_ACT = frozenset({REFUSED, UNREACHABLE})
 
@@ -59,6 +71,12 @@ class Confirming:
         self._shows_s = shows_s
         self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
         self._began_ns = CLOCK.now_ns()
+        self._symptoms: frozenset[Atom] = frozenset()  # of the present round
+        self._acted: dict[Atom, int] = {}  # what its acts influence -> when the first such act was sent
+
+    def begins(self, symptoms: Iterable[Atom]) -> None:
+        """A round begins, with these symptoms."""
+        self._symptoms, self._acted = frozenset(symptoms), {}
 
     def acted(self, action: Action, result: ActionResult, report: StepReport) -> Json | None:
         """Note what an act that has answered made uncertain; return what agents are to judge anew."""
@@ -70,11 +88,12 @@ class Confirming:
             [*action.parameters, *(arg for effect in report.step.effects for arg in effect.atom.args)]
         )
         known = {entry.atom for entry in self._state.obs.entries()} | self._observed
-        _, system, _ = self._state.question(())
-        atoms = influenced(parts, theory_of(system.cnf), acted_on, known)
+        atoms = self._influenced(parts, acted_on, known)
         facts = {atom for atom in atoms if atom.predicate in OBSERVED_FACTS}
         now_ns = CLOCK.now_ns()
         sent_ns, sight = report.sent_ns or now_ns, self._state.sight
+        for atom in atoms:
+            self._acted.setdefault(atom, sent_ns)
         n = sight.acted(facts, sent_ns, atoms - facts, now_ns)
         shows_s = self._shows_s(action.name)
         self._start_up_s = max(self._start_up_s, shows_s)
@@ -111,6 +130,86 @@ class Confirming:
             await self._news()
             result = await self._newest()
         return result
+
+    # --- what a round is credited with
+
+    async def stays(self, bad: tuple[str, ...], result: DiagnosisResult) -> DiagnosisResult:
+        """Return the diagnosis once the observers of what came back have had the time to see it fail again,
+        or as soon as any of these is blamed again.
+        """
+        deadline = time.monotonic() + MOST_STAYS_S
+        while stands_no_more(bad, result):
+            left_s = min(self._unproven_s(bad), deadline - time.monotonic())
+            if left_s <= 0:
+                break
+            revision = self._state.revision
+            await self._signals.unless_halted(self._state.changed(revision, min(LOOK_S, max(0.01, left_s))))
+            result = await self._newest()
+        return result
+
+    def by_itself(self, bad: Collection[str]) -> str | None:
+        """Return why that these are not blamed any more is nothing that the round's acts have done; None: it
+        is, or nobody can tell.
+        """
+        sight, theirs = self._state.sight, sorted(self._symptoms_of(bad))
+        back = [atom for atom in theirs if sight.value(atom)]
+        if theirs and not back:
+            return f"{named(theirs)}: not seen to be back"
+        why = [self._not_ours(atom, sight.rose_ns(atom)) for atom in back]
+        return why[0] if why and None not in why else None
+
+    def _symptoms_of(self, bad: Collection[str]) -> frozenset[Atom]:
+        """Return the round's symptoms that these components may have, or all where there is none of them."""
+        parts = self._state.system.parts
+        theirs = frozenset[Atom]() if parts is None else self._influenced(parts, bad, self._symptoms)
+        return theirs or self._symptoms
+
+    def _unproven_s(self, bad: Collection[str]) -> float:
+        """Return how long until what came back would have been seen to fail again."""
+        sight, now_ns = self._state.sight, CLOCK.now_ns()
+        ends = []
+        for atom in self._symptoms_of(bad):
+            if sight.value(atom) and (rose_ns := sight.rose_ns(atom)) is not None:
+                delays = sight.delays(atom)
+                ends.append(rose_ns + max(delays.detection_ns, delays.settling_ns))
+        return (max(ends) + sight.on_its_way_ns() - now_ns) / 1e9 if ends else 0.0
+
+    def _not_ours(self, atom: Atom, rose_ns: int | None) -> str | None:
+        sent_ns = self._acted.get(atom)
+        if sent_ns is None:
+            return f"{atom} is back, and nothing that was done influences it"
+        if rose_ns is None:
+            return None
+        if rose_ns < sent_ns - GUARD_NS:
+            return f"{atom} was back before anything was done that influences it"
+        delays = self._state.sight.delays(atom)
+        within_ns = round(self._start_up_s * 1e9) + max(delays.detection_ns, delays.settling_ns)
+        for other, (fell_ns, back_ns) in sorted(self._state.sight.interruptions().items()):
+            acted_ns = self._acted.get(other)
+            ours = acted_ns is not None and back_ns >= acted_ns - GUARD_NS
+            # It may have been told of the one a little before it was of the other.
+            soon = back_ns - SLACK_NS <= rose_ns <= back_ns + within_ns
+            if other != atom and not ours and soon and fell_ns <= rose_ns and self._rests(atom, other):
+                lasted_s = max(0, back_ns - fell_ns) / 1e9
+                return f"{atom} is back, as {other} is, which did not hold for {lasted_s:.1f} s"
+        return None
+
+    def _rests(self, atom: Atom, other: Atom) -> bool:
+        """Return whether an atom may not hold because another does not."""
+        parts = self._state.system.parts
+        if parts is None:
+            return False
+        topics = set[str]().union(*needed(parts, atom.args).values())
+        components = frozenset(parts.components).intersection(other.args)
+        return bool(topics.intersection(other.args)) or bool(
+            components and self._influenced(parts, components, [atom])
+        )
+
+    def _influenced(
+        self, parts: ComponentModel, components: Collection[str], known: Iterable[Atom]
+    ) -> frozenset[Atom]:
+        _, system, _ = self._state.question(())
+        return influenced(parts, theory_of(system.cnf), frozenset(components), known)
 
     def _left_s(self) -> float:
         """Return how long what is not confirmed may still take."""

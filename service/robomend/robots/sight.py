@@ -52,6 +52,7 @@ class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
     __slots__ = (
+        "_bad",
         "_clocks",
         "_fell",
         "_listed",
@@ -74,6 +75,7 @@ class Sight:
         ] = {}  # what holds -> since when, as it began to, and a bit later
         self._fell: dict[Atom, tuple[int, ...]] = {}  # what holds no more -> the same, of when it did
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
+        self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
@@ -279,6 +281,16 @@ class Sight:
         times = self._rose.get(atom)
         return None if times is None else times[0]
 
+    def interruptions(self) -> dict[Atom, tuple[int, int]]:
+        """Return what did not hold and does now: since when it did not, and since when it does."""
+        now_ns = CLOCK.now_ns()
+        found = {}
+        for atom, fell_ns in self._bad.items():
+            rose = self._rose.get(atom)
+            if rose is not None and rose[0] >= fell_ns and self._robot.obs.known(atom, now_ns):
+                found[atom] = (fell_ns, rose[0])
+        return found
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now; of
         what does not hold any more, since when it did the last time.
@@ -303,8 +315,12 @@ class Sight:
             self._risen.clear()
         if len(self._off) > MAX_ATOMS:
             self._off.clear()
+        if len(self._bad) > MAX_ATOMS:
+            self._bad.clear()
         for entry in changed:
             atom, positive = entry.literal
+            if not positive:
+                self._bad[atom] = entry.onset_ns or entry.since_ns or entry.time_ns
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
             held = self._rose.pop(atom, None)
