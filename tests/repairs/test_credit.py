@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.planning.tried import DEFAULT_PATIENCE
+from robomend.repairs import calm
 from robomend.repairs.account import account
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.conclusions import BY_ITSELF
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -80,7 +83,8 @@ async def test_an_interruption_that_was_seen_and_is_over_is_not_the_merit_of_a_r
     connected again by itself, nobody knows.
     """
     choose = Chooser.choose_in_turn
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    slow = {name: {**bounds, "effect_timeout_s": 20.0} for name, bounds in CONFIG["actions"].items()}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=slow) as robot:
         await robot.settled()
 
         async def meanwhile(chooser: Chooser, *about: Any, **options: Any) -> Any:
@@ -142,3 +146,101 @@ async def test_what_its_own_act_brought_back_is_credited_to_it(tmp_path: Path) -
     assert repair["state"] == "repaired"
     assert [(done["helped"], done.get("by_itself")) for done in repair["rounds"]] == [(True, None)]
     assert [one.helped for one in memory.tried] == [True]
+
+
+class TwoHosts(Robot):
+    """The lidar, its driver and their agent are on another host than the map; a link is between them."""
+
+    link = True
+
+    def drop(self, for_s: float | None) -> None:
+        """The link drops, for some time, or until a while after the first act."""
+        self.link = False
+        if for_s is not None:
+            asyncio.get_running_loop().call_later(for_s, setattr, self, "link", True)
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        asyncio.get_running_loop().call_later(0.3, setattr, self, "link", True)
+
+    async def spoken(self) -> None:
+        """Let it be known how often each of them speaks."""
+        for _ in range(8):
+            await self.settled()
+            await asyncio.sleep(0.06)  # time itself: its rhythm
+
+    async def report(self) -> None:
+        now_ns = CLOCK.now_ns()
+        for far in (True, False):
+            said = [one for one in self.sentences() if ("lidar" in one or "scan" in one) is far]
+            if far and not self.link:
+                continue
+            if not self.link:
+                said = [one.replace("ok(map)", "not ok(map)") for one in said]
+            since = (now_ns,) * len(said)
+            batch = Batch(said, source="far" if far else "near", time_ns=now_ns, since=since, lifetime_s=20.0)
+            await self.robots.observe(self.id, batch)
+
+
+async def test_who_is_not_heard_since_the_symptom_began_vouches_for_nothing_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calm, "CUT_OFF_NS", 10**9)
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, detection_s=0.2):
+            pass
+        robot = TwoHosts(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.spoken()
+            robot.drop(None)
+            repair = await the_repair(runtime)
+        memory = await known(runtime)
+    first = repair["rounds"][0]
+    suspects = {tuple(first["diagnosis"]["bad"]), *(tuple(one["bad"]) for one in first["rivals"])}
+    assert {("mapping",), ("lidar_node",), ("lidar",)} <= suspects  # ok(scan) is from before the link fell
+    assert repair["state"] == "repaired", repair["reason"]
+    # The link was back while a node was restarted: nobody knows whether that helped.
+    assert not any(done["helped"] for done in repair["rounds"])
+    assert "far is, which was not heard for" in repair["rounds"][-1]["by_itself"]
+    assert not any(one.helped for one in memory.tried)
+
+
+async def test_nothing_is_done_while_a_host_is_cut_off_for_a_moment(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, detection_s=0.2):
+            pass
+        robot = TwoHosts(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.spoken()
+            robot.drop(2.0)
+            repair = await the_repair(runtime)
+    assert robot.done == [], repair
+    assert (repair["state"], repair["reason"]) == ("repaired", BY_ITSELF)
+
+
+async def test_who_speaks_on_change_only_vouches_for_what_it_said(tmp_path: Path) -> None:
+    """The lidar's host says nothing as nothing changes there: the map's own node it is."""
+
+    class OnChange(TwoHosts):
+        told: frozenset[str] = frozenset()
+
+        async def report(self) -> None:
+            far = [one for one in self.sentences() if "lidar" in one or "scan" in one]
+            news = [one for one in far if one not in self.told]
+            if news:
+                await self.robots.observe(self.id, Batch(news, source="far"))
+            self.told |= set(far)
+            near, now_ns = [one for one in self.sentences() if one not in far], CLOCK.now_ns()
+            batch = Batch(near, source="near", time_ns=now_ns, since=(now_ns,) * len(near), lifetime_s=20.0)
+            await self.robots.observe(self.id, batch)
+
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, detection_s=0.2):
+            pass
+        robot = OnChange(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.spoken()
+            robot.running["mapping"] = False
+            repair = await the_repair(runtime)
+    assert robot.done == ["start_node(mapping)"]
+    assert repair["state"] == "repaired", repair["reason"]

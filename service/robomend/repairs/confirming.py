@@ -21,6 +21,7 @@ from datetime import UTC, datetime
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.entry import Entry
 from robomend.model.components import ComponentModel
 from robomend.observations.unconfirmed import GUARD_NS
 from robomend.planning.influence import influenced, needed
@@ -71,12 +72,14 @@ class Confirming:
         self._shows_s = shows_s
         self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
         self._began_ns = CLOCK.now_ns()
-        self._symptoms: frozenset[Atom] = frozenset()  # of the present round
+        self._symptoms: dict[Atom, Entry] = {}  # of the present round
+        self._back: dict[Atom, int] = {}  # those that hold again, since when at first
         self._acted: dict[Atom, int] = {}  # what its acts influence -> when the first such act was sent
 
-    def begins(self, symptoms: Iterable[Atom]) -> None:
-        """A round begins, with these symptoms."""
-        self._symptoms, self._acted = frozenset(symptoms), {}
+    def begins(self, entries: Iterable[Entry]) -> None:
+        """A round begins; what does not hold of these are its symptoms."""
+        self._symptoms = {entry.atom: entry for entry in entries if not entry.positive}
+        self._back, self._acted = {}, {}
 
     def acted(self, action: Action, result: ActionResult, report: StepReport) -> Json | None:
         """Note what an act that has answered made uncertain; return what agents are to judge anew."""
@@ -151,28 +154,38 @@ class Confirming:
         """Return why that these are not blamed any more is nothing that the round's acts have done; None: it
         is, or nobody can tell.
         """
-        sight, theirs = self._state.sight, sorted(self._symptoms_of(bad))
-        back = [atom for atom in theirs if sight.value(atom)]
+        theirs = sorted(self._symptoms_of(bad))
+        back = [atom for atom in theirs if self._state.sight.value(atom)]
         if theirs and not back:
             return f"{named(theirs)}: not seen to be back"
-        why = [self._not_ours(atom, sight.rose_ns(atom)) for atom in back]
+        why = [self._not_ours(atom, self._rose_ns(atom)) for atom in back]
         return why[0] if why and None not in why else None
 
     def _symptoms_of(self, bad: Collection[str]) -> frozenset[Atom]:
         """Return the round's symptoms that these components may have, or all where there is none of them."""
         parts = self._state.system.parts
         theirs = frozenset[Atom]() if parts is None else self._influenced(parts, bad, self._symptoms)
-        return theirs or self._symptoms
+        return theirs or frozenset(self._symptoms)
 
     def _unproven_s(self, bad: Collection[str]) -> float:
         """Return how long until what came back would have been seen to fail again."""
         sight, now_ns = self._state.sight, CLOCK.now_ns()
         ends = []
         for atom in self._symptoms_of(bad):
-            if sight.value(atom) and (rose_ns := sight.rose_ns(atom)) is not None:
+            if (rose_ns := self._rose_ns(atom)) is not None:
                 delays = sight.delays(atom)
                 ends.append(rose_ns + max(delays.detection_ns, delays.settling_ns))
         return (max(ends) + sight.on_its_way_ns() - now_ns) / 1e9 if ends else 0.0
+
+    def _rose_ns(self, atom: Atom) -> int | None:
+        """Return since when a symptom holds again; None: it does not, or nobody knows."""
+        sight = self._state.sight
+        value, rose_ns = sight.value(atom), sight.rose_ns(atom)
+        if value is False:
+            self._back.pop(atom, None)
+        elif value and rose_ns is not None:
+            self._back.setdefault(atom, rose_ns)
+        return self._back.get(atom)
 
     def _not_ours(self, atom: Atom, rose_ns: int | None) -> str | None:
         sent_ns = self._acted.get(atom)
@@ -184,14 +197,16 @@ class Confirming:
             return f"{atom} was back before anything was done that influences it"
         delays = self._state.sight.delays(atom)
         within_ns = round(self._start_up_s * 1e9) + max(delays.detection_ns, delays.settling_ns)
-        for other, (fell_ns, back_ns) in sorted(self._state.sight.interruptions().items()):
+        began = self._symptoms[atom]
+        onset_ns = began.onset_ns or began.since_ns or began.time_ns
+        for other, what, fell_ns, back_ns in sorted(self._state.sight.interruptions(began.source)):
             acted_ns = self._acted.get(other)
             ours = acted_ns is not None and back_ns >= acted_ns - GUARD_NS
             # It may have been told of the one a little before it was of the other.
             soon = back_ns - SLACK_NS <= rose_ns <= back_ns + within_ns
-            if other != atom and not ours and soon and fell_ns <= rose_ns and self._rests(atom, other):
-                lasted_s = max(0, back_ns - fell_ns) / 1e9
-                return f"{atom} is back, as {other} is, which did not hold for {lasted_s:.1f} s"
+            meanwhile = onset_ns <= back_ns and fell_ns <= rose_ns
+            if other != atom and not ours and soon and meanwhile and self._rests(atom, other):
+                return f"{atom} is back, as {what} for {max(0, back_ns - fell_ns) / 1e9:.1f} s"
         return None
 
     def _rests(self, atom: Atom, other: Atom) -> bool:

@@ -106,9 +106,11 @@ class LiveRepair:
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
         result = await self._signals.unless_halted(self._robots.waiting.result(self._state))
-        if not self._state.sight.not_confirmed():
+        sight = self._state.sight
+        vouched = frozenset(sight.vouched())
+        if not sight.not_confirmed() and len(vouched) == len(self._state.literals()):
             return result
-        confirmed = self._robots.diagnosing.of(self._state, self._state.sight.literals())
+        confirmed = self._robots.diagnosing.of(self._state, vouched)
         return await self._signals.unless_halted(confirmed)
 
     async def _verified(self, result: DiagnosisResult) -> DiagnosisResult:
@@ -156,7 +158,7 @@ class LiveRepair:
                 return None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
             entries = self._state.sight.entries()
-            self._confirming.begins(entry.atom for entry in entries if not entry.positive)
+            self._confirming.begins(entries)
             self._first = await self._record.begin_round(found, result, entries)
         return found
 

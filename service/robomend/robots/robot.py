@@ -222,6 +222,7 @@ class Robot:
             self._circles.hear(update.entries)
         if any(not entry.positive for entry in changed):
             self._worsened = self._head + 1
+        self.sight.heard(update.entries, changed)
         self.sight.hear(update.entries, changed)
         self.sight.start_ups.hear(changed, self.system.parts, self.sight)
         return changed, tuple(renewed.values())
