@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from robomend.entry import Entry
-from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
+from robomend.observations.pending import (
+    SLACK_NS,
+    Heard,
+    first_fallen,
+    newest_onset,
+    pending,
+    returning,
+    starting,
+)
 from robomend.observations.unconfirmed import GUARD_NS
 from robomend_client.literals import Atom, Literal
 
@@ -192,3 +200,27 @@ def test_how_long_a_verdict_is_pending_is_a_matter_of_its_own_observer() -> None
     settling_ns = {MAP: 1 * S, ODOM: 3 * S}.__getitem__
     found = returning(symptoms, {"scan": 20 * S}, lambda _: needs, settling_ns, 21 * S + SLACK_NS)
     assert found == {ODOM: 23 * S + SLACK_NS}
+
+
+def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
+    heard = Heard()
+    for n in range(5):
+        heard.hear("agent", n * S, again=True, mortal=True)
+    assert heard.usual_ns("agent") == S
+    assert heard.silent_since("agent", 5 * S)
+    assert not heard.silent_since("agent", 3 * S)
+    assert heard.interruption("agent") is None
+    heard.hear("agent", 9 * S, again=True, mortal=True)
+    assert heard.interruption("agent") == (4 * S, 9 * S)
+
+
+def test_who_speaks_on_change_only_is_never_silent_and_nobody_is_before_its_rhythm_is_known() -> None:
+    heard = Heard()
+    for n in range(20):
+        heard.hear("on change", n * S, again=False, mortal=False)
+        heard.hear("repeats", n * S, again=True, mortal=False)
+    heard.hear("young", 19 * S, again=True, mortal=True)
+    assert not heard.silent_since("on change", 1000 * S)
+    assert not heard.silent_since("young", 1000 * S)
+    assert not heard.silent_since("nobody", 1000 * S)
+    assert heard.silent_since("repeats", 1000 * S)

@@ -42,7 +42,7 @@ def calm(other: DiagnosisResult) -> Calm:
         raise AssertionError("nothing is waited for")
 
     known = (Literal(SCAN), Literal(MAP, False))
-    state = cast(Any, SimpleNamespace(sight=SimpleNamespace(literals=lambda: known)))
+    state = cast(Any, SimpleNamespace(sight=SimpleNamespace(vouched=lambda: known)))
     nobody = cast(Any, None)
     return Calm(state, nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
 
@@ -64,7 +64,7 @@ async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     first, second = diagnosed(("mapping",)), diagnosed(("driver", "mapping"))
-    state = SimpleNamespace(sight=SimpleNamespace(literals=lambda: (Literal(MAP, False),)), revision=1)
+    state = SimpleNamespace(sight=SimpleNamespace(vouched=lambda: (Literal(MAP, False),)), revision=1)
     asked: list[DiagnosisResult] = []
 
     async def diagnose(literals: Iterable[Literal]) -> DiagnosisResult:

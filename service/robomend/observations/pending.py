@@ -8,12 +8,19 @@ been started is silent until it has begun: its symptoms are pending for as long 
 it was heard once. A fault that went by itself is over bit by bit: what rests on something that is back may be
 back, too, and its observer has not judged yet.
 
+Who repeats itself and has not been heard since a symptom began vouches for nothing after it: its host may be
+cut off, and what it said last is from before. It has the time in which it usually speaks again, twice. Who
+speaks on change only is silent by design and vouches until it says otherwise: that is everyone whose literals
+have no lifetime, unless it was heard to say the same again and again.
+
 Pure: times are integer nanoseconds by the service's clock.
 """
 
 from __future__ import annotations
 
+from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
 
 from robomend.entry import Entry
 from robomend.observations.unconfirmed import GUARD_NS
@@ -21,6 +28,74 @@ from robomend_client.literals import Atom
 
 SLACK_NS = 300_000_000
 """For what is on its way."""
+
+
+AGAIN = 4
+"""Times that a source without lifetimes must have repeated itself, to count as one that does."""
+
+GAPS = 16
+"""Pauses of a source that are looked at; the longest one is usual for it."""
+
+LEAST_GAPS = 3
+
+AT_ONCE_NS = 50_000_000
+"""Batches that come so close to each other are one report."""
+
+MOST_SOURCES = 64
+
+
+@dataclass(slots=True)
+class _Source:
+    last_ns: int
+    gaps: deque[int]
+    again: int = 0
+    mortal: bool = False
+    interrupted: tuple[int, int] | None = None  # when it was silent for unusually long, the last time
+
+
+class Heard:
+    """The sources of one robot: when each was heard last, and how often it usually is."""
+
+    __slots__ = ("_sources",)
+
+    def __init__(self) -> None:
+        self._sources: OrderedDict[str, _Source] = OrderedDict()
+
+    def hear(self, source: str, said_ns: int, *, again: bool, mortal: bool) -> None:
+        """A source spoke; `again`: it said something that was known already; `mortal`: with a lifetime."""
+        one = self._sources.get(source)
+        if one is None:
+            one = self._sources[source] = _Source(said_ns, deque(maxlen=GAPS))
+            while len(self._sources) > MOST_SOURCES:
+                self._sources.popitem(last=False)
+        gap_ns = said_ns - one.last_ns
+        if gap_ns > AT_ONCE_NS:
+            usual_ns = self.usual_ns(source)
+            if usual_ns is not None and gap_ns > 2 * usual_ns + SLACK_NS:
+                one.interrupted = (one.last_ns, said_ns)
+            one.gaps.append(gap_ns)
+            one.last_ns = said_ns
+        one.again += again
+        one.mortal = mortal
+
+    def usual_ns(self, source: str) -> int | None:
+        """Return for how long a source is silent at most, usually; None: it speaks on change, or nobody knows
+        yet.
+        """
+        one = self._sources.get(source)
+        if one is None or len(one.gaps) < LEAST_GAPS or not (one.mortal or one.again >= AGAIN):
+            return None
+        return max(one.gaps)
+
+    def silent_since(self, source: str, onset_ns: int) -> bool:
+        """Return whether a source that repeats itself has not been heard after this."""
+        one = self._sources.get(source)
+        return one is not None and one.last_ns < onset_ns and self.usual_ns(source) is not None
+
+    def interruption(self, source: str) -> tuple[int, int] | None:
+        """Return when a source was silent for unusually long, the last time: from when, and until when."""
+        one = self._sources.get(source)
+        return None if one is None else one.interrupted
 
 
 def newest_onset(entries: Iterable[Entry]) -> int | None:

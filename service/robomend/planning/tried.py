@@ -38,6 +38,7 @@ class Attempt:
     actions: tuple[str, ...] = ()  # as text, for people
     cycled: frozenset[str] = frozenset()  # what was to be cured by a power cycle, which seldom is for sure
     began_ns: int = 0  # when it was needed; 0: when it ended
+    by_itself: bool = False  # nothing blamed `bad` any more, and that was nothing the repair had done
     lasted: bool = True  # False: it helped, and soon the same was suspected again (quarantine.py)
 
 

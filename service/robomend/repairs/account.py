@@ -124,6 +124,8 @@ def since(seen: Json) -> int | None:
 def how_it_ended(done: Json) -> str:
     """Return how a round ended, in words; whether it helped and whether all of it was done are two things."""
     why, bad = done.get("reason") or done["ending"], " and ".join(done["diagnosis"]["bad"])
+    if done.get("by_itself"):
+        return f"well again, and credited to nobody: {done['by_itself']}"
     if not done.get("helped"):
         untouched = done["plan"] and all(step.get("state") == StepState.WAITING for step in done["plan"])
         return f"{'nothing of it was done' if untouched else 'it did not help'}: {why}"

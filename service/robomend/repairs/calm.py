@@ -37,6 +37,10 @@ MOST_S = 10.0
 LONGEST_S = 600.0
 """Of that time itself: what boots or starts may be slow."""
 
+CUT_OFF_NS = 5 * 10**9
+"""For who is cut off to be heard again, once it should have been: a link that dropped is back by then, or not
+soon. Meanwhile it is not known whether there is anything to repair."""
+
 AT_ONCE_S = 0.35
 """A wait that is shorter than to find out whether it is needed."""
 
@@ -130,6 +134,9 @@ class Calm:
         )
         found |= self._unseen(unconfirmed, now_ns)
         found |= state.obs.doubted(now_ns)
+        for atom, due_ns in state.sight.not_heard_since_onset().items():
+            if due_ns + CUT_OFF_NS > now_ns:
+                found[atom] = max(due_ns + CUT_OFF_NS, found.get(atom, 0))
         if parts is not None:
             began = {
                 entry.atom: entry.onset_ns
@@ -181,7 +188,7 @@ class Calm:
         """Return whether one of the pending verdicts could change what is done first."""
         if len(left) > MOST_FLIPS or not result.diagnoses:  # none found in time: there is no act yet
             return True
-        known = {literal.atom: literal for literal in self._state.sight.literals()}
+        known = {literal.atom: literal for literal in self._state.sight.vouched()}
         now = _bad_sets(result)
         common = frozenset[str].intersection(*map(frozenset, now))
         others: dict[frozenset[tuple[str, ...]], tuple[DiagnosisResult, list[Literal]]] = {}

@@ -197,7 +197,7 @@ class Chooser:
         memory = await self.remembered(state, result, since_ns)
         situation = Situation(
             parts,
-            (*(state.sight.literals() if literals is None else literals), *unknown(state, left_off)),
+            (*(state.sight.vouched() if literals is None else literals), *unknown(state, left_off)),
             result,
             memory.tried,
             now_ns=time.time_ns(),

@@ -77,7 +77,12 @@ def nobody_blamed(state: Robot, written: Json) -> tuple[RepairTrigger, str]:
         return RepairTrigger.OVERTAKEN, "something is blamed again"
     if how is not HealthState.HEALTHY:
         return RepairTrigger.UNSEEN, unconfirmed(unknown, state)
-    return RepairTrigger.HEALTHY, well(ALL_WELL if written.get("rounds") else BY_ITSELF, state)
+    rounds = written.get("rounds", ())
+    own = next((one["by_itself"] for one in reversed(rounds) if one.get("by_itself")), None)
+    reason = ALL_WELL if rounds else BY_ITSELF
+    if own is not None and not any(one.get("helped") for one in rounds):
+        reason = f"{ALL_WELL}; nothing that was done is credited with it: {own}"
+    return RepairTrigger.HEALTHY, well(reason, state)
 
 
 def well(reason: str, state: Robot) -> str:
@@ -164,7 +169,8 @@ def end_of(error: Exception, signals: Signals, written: Json) -> tuple[RepairTri
 
 
 def _vain_rounds(written: Json) -> list[Json]:
-    return [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
+    rounds = (one for one in written.get("rounds", ()) if one.get("ending"))
+    return [one for one in rounds if not one.get("helped") and not one.get("by_itself")]
 
 
 def _without_repeating(tried: str, why: str) -> str:

@@ -113,10 +113,12 @@ def does_not_last(relapses: Sequence[Attempt], suspected: Iterable[str], until_n
     lasted_s = max((then - one.time_ns) / S_TO_NS for one, then in zip(relapses, begun, strict=True))
     times = Counter(" and ".join(sorted(one.bad)) for one in relapses)
     repaired = ", ".join(f"{names} ({counted(count, 'time')})" for names, count in times.items())
+    helped = "helped" if any(not one.by_itself for one in relapses) else "ended well, by itself"
     until = datetime.fromtimestamp(until_ns / S_TO_NS, UTC).strftime("%H:%M:%S")
     return (
-        f"it comes and goes: {counted(len(relapses), 'repair')} in a row helped, and each time it was broken "
-        f"again within {max(1.0, lasted_s):.0f} s; repaired: {repaired}; suspects: {', '.join(suspected)}. "
+        f"it comes and goes: {counted(len(relapses), 'repair')} in a row {helped}, and each time it was "
+        f"broken again within {max(1.0, lasted_s):.0f} s; repaired: {repaired}; "
+        f"suspects: {', '.join(suspected)}. "
         f"Nothing is begun for them before {until} UTC, or before somebody releases what is in quarantine; "
         "look at the robot, or have its observers judge more slowly"
     )

@@ -109,9 +109,11 @@ class LiveRepair:
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
         result = await self._signals.unless_halted(self._robots.waiting.result(self._state))
-        if not self._state.sight.not_confirmed():
+        sight = self._state.sight
+        vouched = frozenset(sight.vouched())
+        if not sight.not_confirmed() and len(vouched) == len(self._state.literals()):
             return result
-        confirmed = self._robots.diagnosing.of(self._state, self._state.sight.literals())
+        confirmed = self._robots.diagnosing.of(self._state, vouched)
         return await self._signals.unless_halted(confirmed)
 
     async def _verified(self, result: DiagnosisResult) -> DiagnosisResult:
@@ -158,7 +160,9 @@ class LiveRepair:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
-            self._first = await self._record.begin_round(found, result, self._state.sight.entries())
+            entries = self._state.sight.entries()
+            self._confirming.begins(entries)
+            self._first = await self._record.begin_round(found, result, entries)
         return found
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
@@ -248,6 +252,9 @@ class LiveRepair:
             if result.healthy:
                 result = await self._verified(result)
             helped = stands_no_more(choice.diagnosis.bad, result)
+            if helped and (result.healthy or done):
+                result = await self._confirming.stays(choice.diagnosis.bad, result)
+                helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
             await self._signals.unless_halted(self._state.changed(revision, LOOK_S))
@@ -266,13 +273,27 @@ class LiveRepair:
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""
+        assert choice.diagnosis is not None
+        by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
         tried, left_alone = judged(
-            self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped
+            self._state,
+            self._record.id,
+            choice,
+            execution,
+            memory,
+            self._chooser.patience,
+            helped=helped,
+            by_itself=by_itself,
         )
         ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
         await self._record.end_round(
-            *ending, helped=helped, tried=tried, quarantined=left_alone, entries=entries
+            *ending,
+            helped=helped and by_itself is None,
+            by_itself=by_itself,
+            tried=tried,
+            quarantined=left_alone,
+            entries=entries,
         )

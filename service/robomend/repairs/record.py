@@ -237,14 +237,21 @@ class RepairRecord:
         reason: str,
         *,
         helped: bool,
+        by_itself: str | None = None,
         tried: StoredAttempt | None = None,
         quarantined: Sequence[Quarantine] = (),
         entries: Iterable[Entry] = (),
     ) -> None:
-        """Note how the round ended, its symptoms then (`entries`), what was tried, and what is left alone."""
+        """Note how the round ended, its symptoms then (`entries`), what was tried, and what is left alone.
+
+        Args:
+            by_itself: why it is well again, if that is nothing that the round has done.
+        """
         rounds = list(self._data["rounds"])
         after_it = outcome(rounds[-1], {entry.atom: entry for entry in entries})
         rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped, "after": after_it}
+        if by_itself is not None:
+            rounds[-1]["by_itself"] = by_itself
 
         def remember(tx: Transaction) -> None:
             if tried is not None:

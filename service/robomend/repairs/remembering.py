@@ -24,7 +24,7 @@ from robomend_client.literals import Atom, Literal
 class Remembered:
     """What the store remembers of a robot's repairs."""
 
-    tried: tuple[Attempt, ...]  # what helped and did not last is no cure
+    tried: tuple[Attempt, ...]  # what helped and did not last is no cure; without what came back by itself
     quarantined: tuple[str, ...]
     useless: Mapping[
         frozenset[str], frozenset[str]
@@ -53,9 +53,12 @@ def remembered(
     again = relapses(tried, suspected, now_ns=now, patience=patience)
     back = came_back(again, suspected, now_ns=now, patience=patience)
     aside = [entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)]
-    useless = [replace(r, helped=False) if one in again else r for one, r in zip(tried, records, strict=True)]
+    own = [(one, r) for one, r in zip(tried, records, strict=True) if not one.by_itself]
+    useless = [replace(r, helped=False) if one in again else r for one, r in own]
     return Remembered(
-        tuple(one for one in unlasting(tried, again) if one.helped or one.time_ns >= since_ns),
+        tuple(
+            one for one in unlasting((one for one, _ in own), again) if one.helped or one.time_ns >= since_ns
+        ),
         tuple(dict.fromkeys([*aside, *back])),
         useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9))),
         attempts.counted(view, robot, now - HOUR_NS),
@@ -74,7 +77,7 @@ def surely_broken(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -
         return frozenset()
     found: set[str] = set()
     for one in sorted((one for one in tried if one.repair == repair.id), key=lambda one: one.time_ns):
-        if one.helped:
+        if one.helped or one.data.get("by_itself"):
             found -= {*one.bad, *one.data.get("repaired", ())}
         else:
             found |= set(one.data.get("certain", ()))
@@ -100,8 +103,13 @@ def judged(
     patience: Patience,
     *,
     helped: bool,
+    by_itself: str | None = None,
 ) -> tuple[StoredAttempt, list[Quarantine]]:
-    """Return what is to be kept of a round, and the components that it puts into quarantine."""
+    """Return what is to be kept of a round, and the components that it puts into quarantine.
+
+    What came back by itself is kept as no help, with why: choosing and priors learn nothing from it, and it
+    counts only where what does not last is looked for.
+    """
     assert choice.plan is not None
     assert choice.diagnosis is not None
     now = time.time_ns()
@@ -112,7 +120,7 @@ def judged(
         done=[report.step.index for report in execution.steps if report.state in finished or report.seen],
         time_ns=now,
         effect_seen=execution.effect_seen,
-        helped=helped,
+        helped=helped and by_itself is None,
         began_ns=min((report.sent_ns for report in execution.steps if report.sent_ns), default=0),
     )
     ended = {
@@ -121,6 +129,8 @@ def judged(
         "direct": direct(execution.steps, choice.diagnosis.bad),
         "certain": [name for name in choice.diagnosis.bad if name in choice.certain],
     }
+    if by_itself is not None:
+        return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
     left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=patience)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
@@ -172,10 +182,11 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         repaired=frozenset(record.data.get("repaired", ())),
         time_ns=record.time_ns,
         effect_seen=record.effect_seen,
-        helped=record.helped,
+        helped=record.helped or bool(record.data.get("by_itself")),
         actions=record.actions,
         cycled=frozenset(record.data.get("cycled", ())),
         began_ns=record.data.get("began_ns", 0),
+        by_itself=bool(record.data.get("by_itself")),
     )
 
 

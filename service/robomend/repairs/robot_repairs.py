@@ -27,6 +27,7 @@ from robomend.repairs.record import LOOP, RepairRecord, answered, new_repair
 from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.seeking import wait_for
 from robomend.store import Transaction, drills, repairs, robots
@@ -180,13 +181,13 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             unlasting = last.choice is not None and last.choice.unlasting
-            # well again, and not for long, or what was bad is not heard at the moment
-            gone = unlasting or state.sight.lapsed_bad()
-            blamed = blamed_now(state) or (at_first if gone else None)
+            # well again, and not for long, or what was bad is not heard, or not diagnosed, at the moment
+            well = health_of(state)[0] is HealthState.HEALTHY
+            blamed = blamed_now(state) or (at_first if unlasting or not well else None)
             self.stopped()
             end, reason = conclusion(last, signals, record.data, state)
-            well = end in {RepairTrigger.HEALTHY, RepairTrigger.UNSEEN}
-            if well and (told := self._reasons.well_by_itself(record, at_first)) is not None:
+            ends_well = end in {RepairTrigger.HEALTHY, RepairTrigger.UNSEEN}
+            if ends_well and (told := self._reasons.well_by_itself(record, at_first)) is not None:
                 end, reason = RepairTrigger.NEEDS_PERSON, told
         except StoreError:
             raise  # the repair stays open and is entered again
@@ -200,7 +201,8 @@ class RobotRepairs:
                 blamed = None  # the new one may begin a repair of its own
             elif end is RepairTrigger.NEEDS_PERSON:
                 # By what came of its acts; a new repair would end as this one did.
-                blamed = blamed_now(state) or (at_first if state.sight.lapsed_bad() else None)
+                well = health_of(state)[0] is HealthState.HEALTHY
+                blamed = blamed_now(state) or (None if well else at_first)
             elif end is RepairTrigger.BROKE:
                 unforeseen = not isinstance(error, RobomendError)
                 log.warning(

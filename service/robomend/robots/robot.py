@@ -240,6 +240,7 @@ class Robot:
         if any(not entry.positive for entry in changed):
             self._worsened = self._head + 1
         known = [entry for entry in changed if not entry.contradicted]
+        self.sight.heard(update.entries, known)
         self.sight.hear(update.entries, known)
         self.sight.start_ups.hear(known, self.system.parts, self.sight)
         return Applied(changed, tuple(renewed.values()), left.gone)

@@ -7,8 +7,9 @@ Also what that takes: the clocks of those who report, and how fast the robot's a
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterable, Set
+from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import replace
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from robomend.errors import ObservationError
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
+from robomend.observations.pending import Heard, first_fallen, newest_onset
 from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
 from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
@@ -52,8 +54,10 @@ class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
     __slots__ = (
+        "_bad",
         "_clocks",
         "_fell",
+        "_heard",
         "_listed",
         "_off",
         "_risen",
@@ -69,12 +73,14 @@ class Sight:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._clocks = SourceClocks(robot.id)
+        self._heard = Heard()
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
         self._rose: dict[
             Atom, tuple[int, ...]
         ] = {}  # what holds -> since when, as it began to, and a bit later
         self._fell: dict[Atom, tuple[int, ...]] = {}  # what holds no more -> the same, of when it did
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
+        self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
@@ -110,6 +116,36 @@ class Sight:
         literals = self._robot.literals()
         return tuple(literal for literal in literals if literal.atom not in left) if left else literals
 
+    def vouched(self) -> tuple[Literal, ...]:
+        """Return `literals` without what those say who repeat themselves and were not heard since the newest
+        symptom began, although they had the time.
+        """
+        now_ns = CLOCK.now_ns()
+        silent = frozenset(atom for atom, due_ns in self.not_heard_since_onset().items() if due_ns <= now_ns)
+        return tuple(literal for literal in self.literals() if literal.atom not in silent)
+
+    def not_heard_since_onset(self) -> dict[Atom, int]:
+        """Return what holds by those who repeat themselves and were not heard since the newest symptom began,
+        or since their observers could have noticed: until when they may still be about to be.
+        """
+        robot = self._robot
+        entries, expected = self.entries(), set(robot.config.expected_stopped)
+        symptoms = [e for e in entries if not e.positive and not expected.intersection(e.atom.args)]
+        parts = robot.system.parts
+        onset_ns = newest_onset(symptoms if parts is None else first_fallen(symptoms, partial(needed, parts)))
+        if onset_ns is None:
+            return {}
+        found: dict[Atom, int] = {}
+        tellers = {BOARD, *(entry.source for entry in symptoms)}
+        for entry in entries:
+            if not entry.positive or entry.source in tellers:
+                continue
+            noticed_ns = onset_ns + self.delays(entry.atom).detection_ns
+            if self._heard.silent_since(entry.source, noticed_ns):
+                usual_ns = self._heard.usual_ns(entry.source) or 0
+                found[entry.atom] = noticed_ns + 2 * usual_ns + self.on_its_way_ns()
+        return found
+
     def entries(self) -> tuple[Entry, ...]:
         """Return the entries of what is known now, and rests on nothing from before an act."""
         now_ns, left = CLOCK.now_ns(), frozenset(self.not_confirmed())
@@ -142,7 +178,8 @@ class Sight:
         for atom in unknown:
             entry = self._robot.obs.get(atom)
             if entry is not None and entry.expires_ns is not None and not entry.fresh(now_ns):
-                lives_ns = min(max(0, entry.expires_ns - entry.time_ns), LATE_NS)
+                lives_ns = entry.expires_ns - entry.time_ns - self._clocks.lives_on_ns(entry.source)
+                lives_ns = min(max(0, lives_ns), LATE_NS)
                 least_s = max(least_s, (entry.expires_ns + lives_ns - now_ns) / 1e9)
         return least_s
 
@@ -288,6 +325,22 @@ class Sight:
         times = self._rose.get(atom)
         return None if times is None else times[0]
 
+    def interruptions(self, reporter: str) -> Iterator[tuple[Atom, str, int, int]]:
+        """Yield what did not hold, or was not heard of, and holds now: in words, from when and until when.
+
+        Args:
+            reporter: it was not interrupted itself, however long it was silent.
+        """
+        now_ns = CLOCK.now_ns()
+        for atom, fell_ns in self._bad.items():
+            rose = self._rose.get(atom)
+            if rose is not None and rose[0] >= fell_ns and self._robot.obs.known(atom, now_ns):
+                yield atom, f"{atom} is, which did not hold", fell_ns, rose[0]
+        for entry in self._robot.obs.entries():
+            silent = self._heard.interruption(entry.source)
+            if silent is not None and entry.source != reporter and entry.positive and entry.fresh(now_ns):
+                yield entry.atom, f"{entry.source} is, which was not heard", *silent
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now; of
         what does not hold any more, since when it did the last time.
@@ -312,8 +365,12 @@ class Sight:
             self._risen.clear()
         if len(self._off) > MAX_ATOMS:
             self._off.clear()
+        if len(self._bad) > MAX_ATOMS:
+            self._bad.clear()
         for entry in changed:
             atom, positive = entry.literal
+            if not positive:
+                self._bad[atom] = entry.onset_ns or entry.since_ns or entry.time_ns
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
             held = self._rose.pop(atom, None)
@@ -329,6 +386,21 @@ class Sight:
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)
+
+    def heard(self, reported: Iterable[Entry], changed: Iterable[Entry]) -> None:
+        """Take note of who has spoken just now, whether it was news or not."""
+        new, now_ns = frozenset(entry.atom for entry in changed), CLOCK.now_ns()
+        spoke: dict[str, tuple[int, bool, bool]] = {}
+        for entry in reported:
+            said_ns, again, mortal = spoke.get(entry.source, (0, False, False))
+            spoke[entry.source] = (
+                max(said_ns, entry.time_ns),
+                again or entry.atom not in new,
+                mortal or entry.expires_ns is not None,
+            )
+        for source, (said_ns, again, mortal) in spoke.items():  # it may have been on its way for long
+            at_ns = min(now_ns, said_ns + self._clocks.lives_on_ns(source))
+            self._heard.hear(source, at_ns, again=again, mortal=mortal)
 
     def said_again(self, literals: Collection[Literal], time_ns: int) -> None:
         """Take note of literals that a source says anew, at this time, and that OBS holds as they are."""

@@ -73,8 +73,8 @@ class DdsNode:
         self.name = name
         self.problems = problems
         self.found = Discovered()
-        self._wanted: dict[str, list[OnSample]] = {}
-        self._told: list[ToldByUs] = []
+        self.wanted: dict[str, list[OnSample]] = {}
+        self.told: list[ToldByUs] = []
         self._mismatches: set[str] = set()
         self._unheard = Unheard(discovery_s)
         self._part: _Part | None = None
@@ -83,12 +83,12 @@ class DdsNode:
 
     def subscribe(self, topic: str, on_sample: OnSample) -> None:
         """Listen to a topic, as soon as somebody publishes it."""
-        self._wanted.setdefault(topic, []).append(on_sample)
+        self.wanted.setdefault(topic, []).append(on_sample)
 
     def publish(self, topic: str, kind: str) -> ToldByUs:
         """Offer a topic."""
         told = ToldByUs(topic, kind, self.found)
-        self._told.append(told)
+        self.told.append(told)
         return told
 
     def read_now(self) -> None:
@@ -100,9 +100,9 @@ class DdsNode:
     @property
     def unseen(self) -> set[str]:
         """Topics of which nothing would be heard now if there were something."""
-        self._unheard.look(self._wanted)
+        self._unheard.look(self.wanted)
         untold = (ros_topic(topic) for topic in self.found.untold_topics)
-        return {*self._unheard, *(topic for topic in untold if topic in self._wanted)}
+        return {*self._unheard, *(topic for topic in untold if topic in self.wanted)}
 
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
@@ -111,9 +111,9 @@ class DdsNode:
             Forgotten: the domain must be entered anew.
         """
         part = self._part = _Part(self, dds, self.found)
-        for told, writer in zip(self._told, part.writers, strict=True):
+        for told, writer in zip(self.told, part.writers, strict=True):
             told.writer = writer
-        self._unheard.of(self._wanted)
+        self._unheard.of(self.wanted)
         try:
             while True:
                 if self._part.look():
@@ -121,7 +121,7 @@ class DdsNode:
                 self._look_at_returned(self._part)
                 await beat(LOOK_S)
         finally:
-            for told in self._told:
+            for told in self.told:
                 told.writer = None
             for one in (self._next, self._part):
                 if one is not None:
@@ -170,7 +170,7 @@ class DdsNode:
         }
         self.found.become(new.found)
         new.found = self.found
-        for told, writer in zip(self._told, new.writers, strict=True):
+        for told, writer in zip(self.told, new.writers, strict=True):
             told.writer = writer
         for name in new.take(taken_ns):
             self._unheard.heard(name)
@@ -198,9 +198,9 @@ class _Part:
         found.own = dds.key
         self._node = node
         self.topics = {
-            topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in node._wanted.items()
+            topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in node.wanted.items()
         }
-        self.writers = [dds.writer(wire_topic(told.topic), wire_type(told.kind)) for told in node._told]
+        self.writers = [dds.writer(wire_topic(told.topic), wire_type(told.kind)) for told in node.told]
         self.returned_s: dict[bytes, float] = {}  # since when
         self._graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
         self._graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)

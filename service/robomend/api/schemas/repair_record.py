@@ -81,6 +81,9 @@ class RepairRound(Out):
     ending: str | None = Field(description="null: it has not ended", examples=["done"])
     reason: str = ""
     helped: bool | None = None
+    by_itself: str | None = Field(
+        default=None, description="why it is well again, where that is credited to nobody"
+    )
     symptoms: list[SeenSymptom] = Field(default=[])
     symptoms_left_out: int = 0
     conflicts: list[str] = Field(default=[])
