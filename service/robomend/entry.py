@@ -27,7 +27,7 @@ class Entry:
     onset_ns: int | None = None  # since when it is so, by the service's clock: the last sample before it was
     settled: int | None = None  # the number of the `settle` that the source answered with this
     reading: Reading | None = None  # what was measured; no rule reads it
-    by_source: tuple[Word, ...] = field(default=(), compare=False)
+    by_source: tuple[LastWord, ...] = field(default=(), compare=False)
     """Of what OBS holds, where several sources speak of the atom: the last word of each."""
 
     @property
@@ -52,7 +52,7 @@ class Entry:
         return None if self.reading is None else {**self.reading.as_json(), "text": str(self.reading)}
 
 
-class Word(NamedTuple):
+class LastWord(NamedTuple):
     """The last word of one source on an atom of which several speak."""
 
     entry: Entry

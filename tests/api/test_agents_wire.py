@@ -46,7 +46,7 @@ def test_evidence_is_taken_with_a_batch_and_refused_in_another_shape(service: Se
     service.with_robot("evidence")
     changed: list[dict[str, Any]] = [
         {},
-        {"observations": [], "since": [], "onset": []},
+        {"observations": [], "since": [], "onset": [], "readings": []},
         {"since": [None, None]},
     ]
     for more in changed:

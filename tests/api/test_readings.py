@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService
+from tests.waiting import until
 
 from robomend_client.readings import Reading, Symptom
 from robomend_client.rest import Client
@@ -73,7 +74,7 @@ def test_a_reading_goes_with_its_literal_to_obs_history_and_events(service: Serv
 def test_a_repetition_renews_the_reading_and_changes_nothing_else(service: Service) -> None:
     service.with_robot("again")
     first = service.observe("not ok(scan)", robot="again", lifetime_s=60, readings=[{"value": "5 Hz"}]).json()
-    assert service.diagnosis("again", wait_s=20, after=0)["revision"] == 1
+    until(lambda: past(service, "again")[1][0]["data"]["revision"] == 1, "the diagnosis is published")
     before = past(service, "again")
     more = service.observe("not ok(scan)", robot="again", lifetime_s=60, readings=[{"value": "4 Hz"}]).json()
     assert (more["revision"], more["changed"]) == (first["revision"], [])

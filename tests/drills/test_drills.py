@@ -330,7 +330,7 @@ def test_on_a_robot_in_use_or_not_well_nothing_is_planted(robot: DrilledRobot) -
     try:
         assert refused(robot, "node-killed", "mapping") == (409, "no maintenance window is open")
     finally:
-        configured(robot, windows=[])
+        configured(robot, windows=[], believe=["a person"])  # who insists, against the agent
     with robot.client as client:
         client.stop("lunch")
         assert "lunch" in refused(robot, "node-killed", "mapping")[1]

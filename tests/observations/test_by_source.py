@@ -134,12 +134,14 @@ def test_a_person_overrides_an_agent_until_that_speaks_again() -> None:
     assert names(obs, 3) == []
 
 
-def test_what_was_looked_at_once_gives_way_to_who_looks_later() -> None:
-    obs = after(said("a", True, 1, 0.5, 0), said("person", False, 2, lifetime_s=3600))
-    assert known(obs, 2) is False
-    obs.update([said("a", True, 3, 2.5, 0)])
-    assert known(obs, 3) is True
-    assert names(obs, 3) == []
+def test_what_was_said_once_counts_until_another_speaks_whatever_its_lifetime_and_evidence() -> None:
+    obs = after(*A_HEARS, said("person", False, 9, 6.5, lifetime_s=3600))  # a POST without `since`
+    assert known(obs, 9) is False
+    obs.update([said("a", True, 10, 9.5, 0)])
+    assert known(obs, 10) is True
+    assert names(obs, 10) == []
+    obs.update([said("person", False, 11, 10.9, 6.5, lifetime_s=3600)])  # who insists, contradicts it
+    assert names(obs, 11) == [(["a"], ["person"], None)]
 
 
 def test_sources_without_lifetimes_contradict_each_other_while_they_repeat_themselves() -> None:
@@ -186,7 +188,7 @@ def test_what_one_said_once_does_not_come_back() -> None:
 
 
 def test_an_opposite_word_that_may_be_late_is_doubt() -> None:
-    obs = after(said("a", True, 1, 0.5, 0), said("b", False, 2, 1.5, 1.2))
+    obs = after(said("a", True, 0.1, 0, 0), said("a", True, 1, 0.5, 0), said("b", False, 2, 1.5, 1.2))
     assert obs.doubted(2 * S) == {SCAN: 6 * S}
     obs.update([said("a", False, 2.5, 1.6, 1.2)])
     assert obs.doubted(round(2.5 * S)) == {}

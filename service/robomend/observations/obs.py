@@ -11,13 +11,12 @@ evidence, and `from`, the beginning of the first evidence of saying so (the onse
     A: ok        from ├────────────────────────────┤ since ┄┄ said, alive until its lifetime is over
     B: not ok              from ├──────────────────┤ since ┄┄ said, alive …
 
-- A source is alive as long as the lifetime of its word lasts; one that gives none, for three times as long as
-  it needed from one report to the next. Where the newest word, or the other, is of a source that is not alive
-  (a person's, who said something once), the newest word counts.
+- A source is alive that repeats itself: as long as the lifetime of its word lasts, or, where it gives none,
+  for three times as long as it needed from one report to the next. What a source said once (a person, a POST
+  by hand) overrides what was said before, and counts until another speaks.
 - Of two that are alive and say the opposite, a word gives way to one that began after all of its evidence
   (since < from of the other): the other saw a change that this source cannot have seen yet. It does not count
-  again for being repeated with evidence from before. What a source said once, of one moment (since = from),
-  gives way to who has looked later.
+  again for being repeated with evidence from before.
 - Where neither gives way, each has seen the opposite while the other stood by its own: they contradict each
   other. The atom is unknown then (`Entry.contradicted`), unless a `Belief` decides.
 
@@ -39,7 +38,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from robomend.entry import CONTRADICTED_NS, Entry, Word
+from robomend.entry import CONTRADICTED_NS, Entry, LastWord
 from robomend.errors import ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.vocabulary import SYMMETRIC, TRENDS
@@ -58,7 +57,8 @@ KEPT_NS = 60 * 10**9
 """How long the word of a source that is not alive any more is kept, to see whether it repeats itself."""
 
 REPEATS, MOST_GAP_NS = 3, 20 * 10**9
-"""A source without lifetimes is alive for so many of its gaps between two reports, if they are no longer."""
+"""A source without lifetimes is alive for so many of its gaps between two reports, if they are no longer than
+that; with a lifetime, they may be as long as it is."""
 
 IMPLYING = frozenset((*TRENDS, *SYMMETRIC))
 """Predicates of which a literal may say more than itself, or in other words: see `consequences`."""
@@ -284,7 +284,7 @@ class Obs:
                 for word in entry.by_source
                 if word.entry.positive is not entry.positive and (end := until_ns(word) or 0) > now_ns
             ]
-            if ends and entry.fresh(now_ns) and until_ns(Word(entry)) is not None:
+            if ends and entry.fresh(now_ns) and entry.expires_ns is not None:
                 found[atom] = max(ends)
         return found
 
@@ -313,7 +313,11 @@ class Obs:
                 continue
             words = [word for word in old.by_source if word.entry.source != source]
             if old.source == source:
-                words = [word for word in words if (until_ns(word) or 0) > old.time_ns]
+                words = [
+                    word
+                    for word in words
+                    if max(until_ns(word) or 0, word.entry.expires_ns or 0) > old.time_ns
+                ]
                 if not words:
                     found.gone.append(atom)
                     continue
@@ -372,14 +376,14 @@ class Obs:
 
     def _weighed(self, old: Entry, entry: Entry) -> Entry:
         """Return what OBS holds of an atom of which several sources speak, after the word of one of them."""
-        alone = Word(old, self._before.pop(old.atom, None))
+        alone = LastWord(old, self._before.pop(old.atom, None))
         words = {word.entry.source: word for word in old.by_source or (alone,)}
         before = words.pop(entry.source, None)
         if before is None:
-            word = Word(entry)
+            word = LastWord(entry)
         elif entry.time_ns >= before.entry.time_ns:
             moved = entry.time_ns > before.entry.time_ns
-            word = Word(entry, before.entry.time_ns if moved else before.before_ns)
+            word = LastWord(entry, before.entry.time_ns if moved else before.before_ns)
         else:  # late: at most it shows how often the source speaks
             word = before._replace(before_ns=max(entry.time_ns, before.before_ns or 0))
         words[entry.source] = word
@@ -415,7 +419,7 @@ def consequences(entry: Entry) -> tuple[Entry, ...]:
 # --- several sources of one atom; see the module
 
 
-def held(words: Sequence[Word], belief: Belief) -> Entry:
+def held(words: Sequence[LastWord], belief: Belief) -> Entry:
     """Return what OBS holds of an atom by these words, of which there is at least one."""
     if len(words) == 1:
         return words[0].entry
@@ -429,14 +433,14 @@ def held(words: Sequence[Word], belief: Belief) -> Entry:
     return replace(chosen, by_source=tuple(words))
 
 
-def standing(words: Sequence[Word]) -> list[Entry]:
+def standing(words: Sequence[LastWord]) -> list[Entry]:
     """Return the words that count: none gives way to another of them."""
     newest = max(reversed(words), key=lambda word: word.entry.time_ns)  # of equal stamps the last arrival
     if until_ns(newest) is None:
         return [newest.entry]
     at_ns = newest.entry.time_ns
-    alive = [word for word in words if word is newest or (until_ns(word) or 0) > at_ns]
-    return [word.entry for word in alive if not any(_gives_way(word, other.entry) for other in alive)]
+    alive = [word.entry for word in words if word is newest or (until_ns(word) or 0) > at_ns]
+    return [entry for entry in alive if not any(_gives_way(entry, other) for other in alive)]
 
 
 def opposed(stand: Sequence[Entry]) -> bool:
@@ -454,31 +458,20 @@ def believed(stand: Sequence[Entry], belief: Belief) -> Entry | None:
     return max(bad, key=lambda entry: entry.time_ns, default=None)
 
 
-def until_ns(word: Word) -> int | None:
-    """Return until when the source of a word is alive; None: nobody knows that it is."""
+def until_ns(word: LastWord) -> int | None:
+    """Return until when the source of a word is alive; None: it does not repeat itself."""
     entry = word.entry
-    if entry.expires_ns is not None:
-        return entry.expires_ns
-    gap_ns = _gap_ns(word)
-    return None if gap_ns is None else entry.time_ns + REPEATS * gap_ns
+    if word.before_ns is None:
+        return None
+    gap_ns = entry.time_ns - word.before_ns
+    if entry.expires_ns is None:
+        return entry.time_ns + REPEATS * gap_ns if gap_ns <= MOST_GAP_NS else None
+    return entry.expires_ns if gap_ns <= max(MOST_GAP_NS, entry.expires_ns - entry.time_ns) else None
 
 
-def _gap_ns(word: Word) -> int | None:
-    """Return what a source needed from one report to the next; None: it does not repeat itself."""
-    gap_ns = None if word.before_ns is None else word.entry.time_ns - word.before_ns
-    return None if gap_ns is None or gap_ns > MOST_GAP_NS else gap_ns
-
-
-def _gives_way(word: Word, other: Entry) -> bool:
+def _gives_way(entry: Entry, other: Entry) -> bool:
     """Return whether a word does not count beside another; the one with the youngest evidence always does."""
-    entry = word.entry
-    if other.positive is entry.positive:
-        return False
-    since_ns = _since_ns(entry)
-    if _from_ns(other) > since_ns:
-        return True
-    once = since_ns == _from_ns(entry) and _gap_ns(word) is None
-    return once and _since_ns(other) > since_ns
+    return other.positive is not entry.positive and _from_ns(other) > _since_ns(entry)
 
 
 def _from_ns(entry: Entry) -> int:
@@ -493,14 +486,14 @@ def _since_ns(entry: Entry) -> int:
     return max(_from_ns(entry), entry.time_ns if entry.since_ns is None else entry.since_ns)
 
 
-def _kept(words: Iterable[Word]) -> list[Word]:
+def _kept(words: Iterable[LastWord]) -> list[LastWord]:
     """Return the words that may still count, in the order of their arrival."""
     found = list(words)
     newest_ns = max(word.entry.time_ns for word in found)
     kept = [
         word
         for word in found
-        if word.entry.time_ns > newest_ns - KEPT_NS or (until_ns(word) or 0) > newest_ns
+        if word.entry.time_ns > newest_ns - KEPT_NS or (word.entry.expires_ns or 0) > newest_ns
     ]
     if len(kept) > MAX_SOURCES:
         oldest = sorted(kept, key=lambda word: word.entry.time_ns)[: len(kept) - MAX_SOURCES]

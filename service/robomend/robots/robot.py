@@ -43,7 +43,7 @@ class Writing(NamedTuple):
 NOTHING = Retracted([], [], [])
 
 
-class Applied(NamedTuple):
+class Taken(NamedTuple):
     """What an update did to OBS: all that must survive a restart."""
 
     changed: Sequence[Entry]  # what is known differs, or is contradicted from now on
@@ -209,7 +209,7 @@ class Robot:
 
     # --- OBS ⊕ o
 
-    def apply(self, update: Update) -> Applied:
+    def apply(self, update: Update) -> Taken:
         """Take an update into OBS. ObservationError if that would grow too large."""
         changed = self.obs.update(update.entries) if update.entries else ()
         mortal = [e for e in update.entries if e.expires_ns is not None or e.reading is not None]
@@ -243,7 +243,7 @@ class Robot:
         self.sight.heard(update.entries, known)
         self.sight.hear(update.entries, known)
         self.sight.start_ups.hear(known, self.system.parts, self.sight)
-        return Applied(changed, tuple(renewed.values()), left.gone)
+        return Taken(changed, tuple(renewed.values()), left.gone)
 
     # --- what happens to what is held
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from robomend.entry import Entry, Word
+from robomend.entry import Entry, LastWord
 from robomend.errors import InputError
 from robomend.store.records import Json
 from robomend_client.literals import Atom, Literal
@@ -191,7 +191,7 @@ def entry_of(
     if more is None:
         return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled)
     words = tuple(
-        Word(entry_of(Literal(literal.atom, row[0]), *row[1:8]), row[8]) for row in more.get("s", ())
+        LastWord(entry_of(Literal(literal.atom, row[0]), *row[1:8]), row[8]) for row in more.get("s", ())
     )
     reading = Reading.from_json(more["r"]) if "r" in more else None
     return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading, words)
