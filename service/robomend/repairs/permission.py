@@ -206,7 +206,7 @@ def blamed_by_all(result: DiagnosisResult) -> frozenset[str]:
 
 
 def parts_of(plan: Plan) -> list[list[Step]]:
-    """Return the steps of a plan in parts that have nothing to do with each other: no order, no name in both."""
+    """Return a plan's steps in parts that have nothing to do with each other: no order, no name in both."""
     parts: list[tuple[set[str], set[int], list[Step]]] = []
     for step in plan.steps:
         literals = (*step.preconditions, *step.effects)
