@@ -382,3 +382,17 @@ def test_the_kind_of_action_of_the_manual_does_what_it_says(
     by_file = (tmp_path / "agent.yaml").read_text().replace("kind: horn", 'kind: "my_robot.py:Horn"')
     (spec,) = specs(tmp_path, by_file)
     assert do(spec.make(), "high") == ActionResult(OK, "warn(high) was sounded 3 times")
+
+
+def test_who_acts_says_how_long_its_answer_may_take(tmp_path: Path) -> None:
+    text = """
+actions:
+  calibrate: {kind: process, command: [calibrate]}
+  dock: {kind: process, command: [dock], timeout_s: 90}
+  configure_node: {kind: lifecycle, nodes: {camera_node: /camera}}
+  reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
+"""
+    executors = Executors("onboard", [spec.make() for spec in specs(tmp_path, text)])
+    assert executors.takes_s == {"calibrate": 30.0, "dock": 90.0, "configure_node": 30.0}
+    with pytest.raises(ConfigError, match="timeout_s must be above 0"):
+        specs(tmp_path, text.replace("timeout_s: 90", "timeout_s: 0"))

@@ -129,6 +129,9 @@ class Robot:
     def due_s(self, missing: Collection[Literal], usual_s: float) -> float:
         return self.due_in_s
 
+    def rose_ns(self, atom: Atom) -> int | None:
+        return None
+
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return inf
 

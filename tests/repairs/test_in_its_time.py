@@ -25,6 +25,7 @@ from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import Timing
 from robomend.repairs.looking import DENIED, LOOK_S
 from robomend.robots.batches import Batch
+from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
 
@@ -283,3 +284,84 @@ async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew
     assert "no agent offers it" in dropped["reason"]
     assert (nobody["state"], nobody["rounds"]) == ("escalated", [])
     assert [step["text"] for step in second["plan"]] == ["start_node(mapping)"]
+
+
+async def test_an_act_whose_effect_is_seen_needs_no_answer_and_asks_nobody(tmp_path: Path) -> None:
+    """It must not be done twice, and takes longer than its time-out: then OBS says how it went."""
+    config = with_recalibrate(timeout_s=0.3)
+    config["actions"]["recalibrate"]["effect_timeout_s"] = 20.0
+
+    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "recalibrate":
+            await asyncio.sleep(2.0)  # it takes its time
+            robot.broken_topics.clear()
+        return 0
+
+    async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
+        robot.spoil = slow
+        await robot.settled()
+        robot.broken_topics.add("map")
+        repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", ["recalibrate(mapping)"])
+    [step] = repair["rounds"][0]["plan"]
+    assert (step["state"], step["result"]) == ("done", 0)
+
+
+@pytest.mark.parametrize(
+    ("configured", "said", "handed"),
+    [(None, None, 30.0), (None, {"recalibrate": 77.0}, 77.0), (5.0, {"recalibrate": 77.0}, 5.0)],
+)
+async def test_an_action_has_the_time_that_its_configuration_or_its_agent_says(
+    configured: float | None, said: dict[str, float] | None, handed: float, tmp_path: Path
+) -> None:
+    config = {**CONFIG, **with_recalibrate()}
+    config["actions"] = {**config["actions"], "recalibrate": {"timeout_s": configured}}
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        robot = Robot(runtime.repairs, runtime.robots, broken_topics={"map"})
+        reporting = asyncio.create_task(robot.report_for_ever())
+        try:
+            async with asyncio.timeout(60):
+                action = None
+                while action is None:
+                    action = await runtime.repairs.orders(
+                        "r1", host=None, wait_s=1.0, agent="a", takes_s=said
+                    )
+            await runtime.repairs.result(action["id"], code=1, message="", by=Reporter("robot"))
+        finally:
+            reporting.cancel()
+    assert (action["name"], action["timeout_s"]) == ("recalibrate", handed)
+
+
+async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> None:
+    """Power is given back with a yes only; a node that ends meanwhile is none of that person's business."""
+    actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
+        await robot.settled()
+        robot.cut("base")
+        first = await the_repair(runtime, ended=False)
+        robot.running["mapping"] = False
+        async with asyncio.timeout(60):
+            while robot.done != ["start_node(mapping)"]:
+                await asyncio.sleep(0.05)
+            while (second := await the_repair(runtime, ended=False))["id"] == first["id"]:
+                await asyncio.sleep(0.05)
+        await runtime.repairs.approve(second["id"], by="ann", reason="")
+        repair = await the_repair(runtime)
+    assert [step["text"] for step in first["plan"]] == [step["text"] for step in second["plan"]] == SHUT_DOWN
+    assert (repair["id"], repair["state"]) == (second["id"], "repaired")
+    assert robot.done == ["start_node(mapping)", *SHUT_DOWN]
+
+
+async def test_of_two_faults_the_one_that_needs_no_yes_is_mended_at_once(tmp_path: Path) -> None:
+    actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
+        await robot.settled()
+        robot.cut("base")
+        robot.running["mapping"] = False
+        asked = await the_repair(runtime, ended=False)
+        assert robot.done == ["start_node(mapping)"]
+        assert [step["text"] for step in asked["plan"]] == SHUT_DOWN
+        assert [one["diagnosis"]["bad"] for one in asked["rounds"]] == [["mapping"], ["base"]]
+        await runtime.repairs.cancel(asked["id"], by="ann", reason="not now")

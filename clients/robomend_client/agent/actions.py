@@ -172,7 +172,14 @@ class Actions:
                 {"atom": name, "detection_s": round(detection_s, 3), "settling_s": round(settling_s, 3)}
             )
         return calls.poll(
-            self._robot, self._agent, self._host, self._executors.can, observes, WAIT_S, self._settled
+            self._robot,
+            self._agent,
+            self._host,
+            self._executors.can,
+            observes,
+            WAIT_S,
+            self._settled,
+            self._executors.takes_s,
         )
 
     def _settle(self, settle: Settle) -> bool:

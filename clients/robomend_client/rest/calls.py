@@ -201,8 +201,11 @@ def poll(
     observes: Sequence[Mapping[str, Any]],
     wait_s: float,
     settled: int | None = None,
+    takes_s: Mapping[str, float] | None = None,
 ) -> Call[Orders]:
-    """Ask what there is to do. The body says what the agent can do, and what it observes how fast."""
+    """Ask what there is to do. The body says what the agent can do, and how long that may take, and what it
+    observes how fast.
+    """
     value = {
         "agent": agent,
         "host": host,
@@ -210,6 +213,7 @@ def poll(
         "observes": list(observes),
         "settled": settled,
         "wait_s": wait_s,
+        **({"takes_s": dict(takes_s)} if takes_s else {}),
     }
     return Call("POST", path("robots", robot, "actions", "next"), read_orders, json=value, wait_s=wait_s)
 

@@ -35,6 +35,7 @@ from robomend.robots.clock import CLOCK
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
+    OK,
     REFUSED,
     TIMED_OUT,
     UNREACHABLE,
@@ -174,7 +175,7 @@ class _Run:
         """Send the action, again after a failure if it may be; return the literals that it makes expected."""
         prediction = self._setting.prediction
         prediction.begin(step)
-        result = ActionResult(FAILED, "not sent")
+        result, sent_ns = ActionResult(FAILED, "not sent"), CLOCK.now_ns()
         for attempt in range(timing.retries + 1):
             if attempt:
                 await asyncio.sleep(timing.backoff_s * 2 ** (attempt - 1))
@@ -185,6 +186,9 @@ class _Run:
             if result.ok or result.code == REFUSED:
                 break
             if self._in_doubt(step, result):
+                wanted = await self._seen_all_the_same(step, attempt, timing, sent_ns)
+                if wanted is not None:
+                    return wanted
                 raise _Stop(Ending.UNKNOWN_OUTCOME, f"{failure(step, result)}; it must not be sent twice")
         if not result.ok:
             # An action without an answer may have acted: what counts is what OBS shows.
@@ -196,12 +200,32 @@ class _Run:
         prediction.finish(step)
         return prediction.expected() - before
 
-    async def _send(self, step: Step, attempt: int, timing: Timing) -> ActionResult:
+    async def _seen_all_the_same(
+        self, step: Step, attempt: int, timing: Timing, sent_ns: int
+    ) -> frozenset[Literal] | None:
+        """Return what the action makes expected, if OBS shows that it has acted though it did not answer: its
+        outcome is known then, and written. None: nobody knows whether it acted.
+        """
+        prediction = self._setting.prediction
+        before = prediction.expected()
+        prediction.finish(step)
+        wanted = prediction.expected() - before
+        if not await self._looking.came_since(wanted, sent_ns, timing.effect_timeout_s):
+            return None
+        done = ActionResult(OK, f"no answer in {timing.action_timeout_s:g} s, but its effect was seen")
+        action = self._action(step, attempt, timing)
+        await self._setting.journal.settle(action, done, self._reporting.note(step, None, result=done))
+        return wanted
+
+    def _action(self, step: Step, attempt: int, timing: Timing) -> Action:
         number = self._setting.first_step + step.index
         retry = f".{attempt}" if attempt else ""
-        action = Action(
+        return Action(
             f"{self._setting.repair}:{number}{retry}", step.name, step.parameters, timing.action_timeout_s
         )
+
+    async def _send(self, step: Step, attempt: int, timing: Timing) -> ActionResult:
+        action = self._action(step, attempt, timing)
         if self._setting.halt.is_set():
             raise _Stop(Ending.HALTED, "stopped before the plan was done")
         await self._intend(step, action)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol
 
@@ -63,6 +63,10 @@ class FreshObs(Protocol):
         boot and to start (a driver `usual_s` after its device, where nothing is known of it); below 0:
         nothing says that any is due later than now.
         """
+        ...
+
+    def rose_ns(self, atom: Atom) -> int | None:
+        """Return since when something that holds is known to; None: nobody knows."""
         ...
 
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
@@ -200,12 +204,14 @@ class Setting:
     timing: Mapping[str, Timing] = field(default_factory=dict)
     default_timing: Timing = Timing()
     not_idempotent: Collection[str] = ()  # actions that must not be sent twice when their outcome is unknown
+    answers_s: Callable[[Step], float] = lambda step: 0.0  # what who carries it out needs for its answer
     confirm: Confirm = nobodys
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
 
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""
-        return self.timing.get(step.name, self.default_timing)
+        timing = self.timing.get(step.name, self.default_timing)
+        return replace(timing, action_timeout_s=max(timing.action_timeout_s, self.answers_s(step)))
 
 
 WHAT_HAPPENED = {

@@ -15,7 +15,8 @@ from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.advice import other_suspects
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Plan
+from robomend.planning.plan import Plan, Step
+from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import Prediction, theory_of
 from robomend.repairs.acts import Acts
 from robomend.repairs.calm import Calm
@@ -35,6 +36,10 @@ from robomend.robots.robots import Robots
 from robomend.store import Store
 from robomend_client.actions import Executor
 from robomend_client.literals import Literal
+
+OWN_S = 30.0
+"""What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
+to begin."""
 
 
 class LiveRepair:
@@ -77,6 +82,20 @@ class LiveRepair:
         bounds = timings(self._state.config.actions, ())
         known = [bounds.get(one, Timing()).effect_timeout_s for one in actions if one in self._executors]
         return max(known, default=Timing().effect_timeout_s)
+
+    def _answers_s(self, step: Step) -> float:
+        """Return how long an action may take until its answer, where the robot's configuration does not say:
+        by who carries it out, and by how long what it starts needs.
+        """
+        if (self._state.config.actions.get(step.name) or {}).get("timeout_s") is not None:
+            return 0.0
+        state, parts = self._state, self._state.system.parts
+        said_s = state.sight.declared.takes_s(step.name, step.parameters)
+        own = step.name not in POWER_ACTIONS | NODE_ACTIONS
+        needs_s = 0.0
+        if step.name == "start_node" and parts is not None:
+            needs_s = state.sight.start_ups.needs_s(step.parameters[0], parts)
+        return max(needs_s, (OWN_S if own else 0.0) if said_s is None else said_s)
 
     def _start_up_s(self, component: str) -> float:
         """Return how long a component that is on, or runs, may need until what rests on it shows that."""
@@ -159,6 +178,8 @@ class LiveRepair:
         if found.plan is not None and found.diagnosis is not None:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
+            found = self._permission.at_once(found)
+            assert found.diagnosis is not None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
@@ -223,6 +244,7 @@ class LiveRepair:
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,
+            answers_s=self._answers_s,
             confirm=self._confirm,
             report=report,
         )

@@ -73,6 +73,19 @@ class Looking:
         """Return whether OBS shows the step's effect within the time."""
         return await self._until_none(lambda: None if self.visible(step) else step, timeout_s) is None
 
+    async def came_since(self, wanted: Iterable[Literal], time_ns: int, timeout_s: float) -> bool:
+        """Return whether OBS shows, within the time, all of these that somebody observes, and that one of
+        them at least came after then.
+        """
+        awaited = {w for w in wanted if w.atom in self._observed or self._sight.reported(w.atom)}
+
+        def missing() -> bool | None:
+            shown = all(self._sight.value(w.atom) == w.positive for w in awaited)
+            came = any(w.positive and (self._sight.rose_ns(w.atom) or 0) > time_ns for w in awaited)
+            return None if shown and came else True
+
+        return bool(awaited) and await self._until_none(missing, timeout_s) is None
+
     async def wrong_before(self, step: Step, timing: Timing) -> Literal | None:
         """Return a precondition that OBS contradicts, or that its observer no longer reports.
 

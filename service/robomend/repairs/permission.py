@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 
-from robomend.diagnosis.result import DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Step
+from robomend.planning.plan import Plan, Step
 from robomend.planning.policy import Mode, Policy
+from robomend.planning.tried import repaired_by
 from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NotPermitted, Overtaken, named, unseen
@@ -80,6 +82,22 @@ class Permission:
         if told:
             await self._record.update(RepairTrigger.PERMITTED, waiting_for=[])
 
+    def at_once(self, choice: Choice) -> Choice:
+        """Return what of a choice needs no yes, if the rest does and has nothing to do with it; else all."""
+        plan, diagnosis = choice.plan, choice.diagnosis
+        if plan is None or diagnosis is None or self._policy.mode_for(plan.steps) is not Mode.APPROVE:
+            return choice
+        if self._covered(plan.steps):
+            return choice
+        free = [part for part in parts_of(plan) if self._policy.mode_for(part) is Mode.AUTO]
+        mended = repaired_by(replace(plan, steps=tuple(step for part in free for step in part)))
+        bad = tuple(name for name in diagnosis.bad if name in mended)
+        if not bad:
+            return choice
+        part = narrowed(plan, [step for part in free for step in part])
+        reason = f"{', '.join(bad)} first, as the rest of the plan waits for a yes; {choice.reason}"
+        return replace(choice, diagnosis=Diagnosis(bad), plan=part, reason=reason)
+
     async def approved(self, choice: Choice) -> bool:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
         assert choice.plan is not None
@@ -95,7 +113,9 @@ class Permission:
             return not self._signals.halt.is_set()
         self._signals.ask()  # before the question can be seen, or a quick yes would be lost
         await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
-        stands = Stands(self._state, choice, self._record.data, self._newest, self._chooser)
+        stands = Stands(
+            self._state, choice, self._record.data, self._newest, self._chooser, await self._newest()
+        )
         decided = False
         while not (await stands.now() and decided):  # a yes in the middle of a flicker waits for its end
             if decided:
@@ -131,12 +151,15 @@ class Stands:
         written: Json,
         newest: Callable[[], Awaitable[DiagnosisResult]],
         chooser: Chooser,
+        result: DiagnosisResult,
     ) -> None:
+        """`result`: the diagnosis when the question was put."""
         assert choice.diagnosis is not None
         assert choice.plan is not None
         self._state = state
         self._plan = choice.plan
         self._chooser = chooser
+        self._others = frozenset(blamed_by_all(result))
         self._agents: tuple[int, bool] | None = None  # what was known of the agents when they were looked at
         self._bad = frozenset(choice.diagnosis.bad)
         self._written = written
@@ -154,14 +177,51 @@ class Stands:
                 raise Overtaken(f"{nobody}: the plan no longer applies")
             self._agents = agents
         result = await self._newest()
-        if any(self._bad <= set(diagnosis.bad) for diagnosis in result.diagnoses):
+        stands = any(self._bad <= set(diagnosis.bad) for diagnosis in result.diagnoses)
+        more = self._more(result)
+        if stands and not more:
             self._gone_s = None
             return True
         if self._gone_s is None:
             self._gone_s = time.monotonic()
         if time.monotonic() - self._gone_s < self._gone_for_s:
-            return False
+            return stands
+        if more:
+            raise Overtaken(f"{named(more)} failed as well, which needs no yes: the plan is made anew")
         now = "the diagnosis is another one now"
         if result.healthy:
             now = unseen(self._state, self._written) or "the robot is healthy again"
         raise Overtaken(f"{now}: the plan no longer applies")
+
+    def _more(self, result: DiagnosisResult) -> list[str]:
+        """Return what is blamed for sure since the question was put, where not all needs a person's yes."""
+        if self._state.config.policy != "auto":
+            return []
+        return sorted(blamed_by_all(result) - self._others - self._bad)
+
+
+def blamed_by_all(result: DiagnosisResult) -> frozenset[str]:
+    """Return the components that every diagnosis blames."""
+    return frozenset[str].intersection(*(frozenset(one.bad) for one in result.diagnoses or (Diagnosis(()),)))
+
+
+def parts_of(plan: Plan) -> list[list[Step]]:
+    """Return a plan's steps in parts that have nothing to do with each other: no order, no name in both."""
+    parts: list[tuple[set[str], set[int], list[Step]]] = []
+    for step in plan.steps:
+        literals = (*step.preconditions, *step.effects)
+        names = {*step.parameters, *(arg for literal in literals for arg in literal.atom.args)}
+        indices, steps = {step.index}, [step]
+        for part in [one for one in parts if one[0] & names or one[1].intersection(step.after)]:
+            parts.remove(part)
+            names, indices, steps = names | part[0], indices | part[1], [*part[2], *steps]
+        parts.append((names, indices, steps))
+    return [steps for _, _, steps in parts]
+
+
+def narrowed(plan: Plan, steps: Sequence[Step]) -> Plan:
+    """Return a plan of some of its steps only, none of which is after another one."""
+    kept = sorted(steps, key=lambda step: step.index)
+    index = {step.index: position for position, step in enumerate(kept)}
+    new = (replace(s, index=index[s.index], after=tuple(index[one] for one in s.after)) for s in kept)
+    return replace(plan, steps=tuple(new), cost=sum(step.cost for step in kept))

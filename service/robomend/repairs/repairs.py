@@ -243,6 +243,7 @@ class Repairs:
         can: Collection[str] | None = None,
         observes: Mapping[str, tuple[float, float]] | None = None,
         settled: int | None = None,
+        takes_s: Mapping[str, float] | None = None,
     ) -> Json | None:
         """Hand an agent its next action, waiting up to `wait_s`, and what it is to judge anew.
 
@@ -255,13 +256,14 @@ class Repairs:
             agent: its name; None: it says nothing of itself.
             can: the actions that it can do, as `name` or `name:parameter,parameter`; None: it does not say.
             observes: atom -> seconds of detection and of settling.
+            takes_s: action, as in `can` -> within how many seconds it answers.
             settled: the latest settle number that it acted on.
         """
         state = await self._needs.robots.memory.robot(robot)
         atoms = observes or {}
         who = agent or host or "agent"
         before = state.sight.declared.changes
-        state.sight.declared.hear(declaration(who, host, can, atoms, state.system.vocabulary))
+        state.sight.declared.hear(declaration(who, host, can, atoms, state.system.vocabulary, takes_s))
         if state.sight.declared.changes != before:
             self._loops.wake(robot)
         agents = self._needs.agents

@@ -8,12 +8,13 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import OrderedDict, deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robomend.errors import ObservationError
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
+from robomend_client.actions import offered, on
 from robomend_client.literals import Atom
 
 MOST_AGENTS = 64
@@ -41,6 +42,7 @@ class Declaration:
     host: str | None = None
     can: frozenset[str] | None = None  # None: it does not say
     observes: Mapping[Atom, Delays] = field(default_factory=dict)
+    takes_s: Mapping[str, float] = field(default_factory=dict)  # action, as in `can` -> until its answer
 
 
 class DeclaredAgents:
@@ -88,6 +90,14 @@ class DeclaredAgents:
         """Return whether we have listened for so long that no agent which is there is missing."""
         return time.monotonic() - self._began_s >= NEW_S
 
+    def takes_s(self, name: str, parameters: Sequence[str]) -> float | None:
+        """Return within how many seconds an action is answered, by the slowest of who offers it; None: nobody
+        says.
+        """
+        keys = (f"{name}:{on(name, parameters)}", name)
+        said = (agent.takes_s for agent in self.agents() if offered(agent.can, name, parameters))
+        return max((one[key] for one in said for key in keys if key in one), default=None)
+
     def delays(self, atom: Atom, usual: Delays) -> Delays:
         """Return how fast an atom is observed: by the slowest of its observers; `usual` where none says."""
         said = [agent.observes[atom] for agent, _ in self._agents.values() if atom in agent.observes]
@@ -102,6 +112,7 @@ def declaration(
     can: Collection[str] | None,
     observes: Mapping[str, tuple[float, float]],
     vocabulary: Vocabulary,
+    takes_s: Mapping[str, float] | None = None,
 ) -> Declaration:
     """Return what an agent says, in the words of the robot's model, as far as that has them."""
     delays: dict[Atom, Delays] = {}
@@ -109,4 +120,4 @@ def declaration(
         with contextlib.suppress(ObservationError):
             for literal in parse(sentence, vocabulary):
                 delays[literal.atom] = Delays(round(detection_s * 1e9), round(settling_s * 1e9))
-    return Declaration(agent, host, None if can is None else frozenset(can), delays)
+    return Declaration(agent, host, None if can is None else frozenset(can), delays, dict(takes_s or {}))

@@ -7,7 +7,7 @@ its row in docs/agent.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from math import prod
 from typing import Protocol
@@ -19,7 +19,10 @@ MOST_OFFERED = 1000
 
 
 class ActionExecutor(Protocol):
-    """Carries out the actions of one name."""
+    """Carries out the actions of one name.
+
+    One may have `takes_s` as well: within how many seconds it answers, or that of each of its parameters.
+    """
 
     @property
     def name(self) -> str:
@@ -72,6 +75,20 @@ class Executors:
                 else:
                     found[name] = None
         return list(found)
+
+    @property
+    def takes_s(self) -> dict[str, float]:
+        """What the poll says of how long an answer may take: of a name, or of `name:parameter`; of whose
+        executor has no `takes_s` nothing is known.
+        """
+        found: dict[str, float] = {}
+        for executor in self:
+            said: float | Mapping[str, float] = getattr(executor, "takes_s", {})
+            by = said if isinstance(said, Mapping) else {"": said}
+            for parameter, seconds in by.items():
+                key = f"{executor.name}:{parameter}" if parameter else executor.name
+                found[key] = max(seconds, found.get(key, 0.0))
+        return found
 
     def find(self, action: Action) -> ActionExecutor | ActionResult:
         """Return who carries out `action`, or why nobody here may."""

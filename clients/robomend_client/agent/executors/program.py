@@ -24,6 +24,10 @@ TAIL = 8 * 1024
 """Bytes of a program's newest output that are kept, to be quoted."""
 
 QUOTED = 500
+
+TAKES_S = 30.0
+"""What a program may take of which nothing else is said: one with rclpy needs seconds to begin."""
+
 END_S = 0.5
 """From SIGTERM to SIGKILL for a program that is not wanted any more; the caller gives a second for both."""
 
@@ -42,6 +46,7 @@ class Program:
         directory: str | None = None,
         environment: Mapping[str, str] | None = None,
         gives_up: bool = False,
+        timeout_s: float = TAKES_S,
     ) -> None:
         """
         Args:
@@ -53,11 +58,16 @@ class Program:
             directory: working directory, relative to the agent's file; by default the agent's.
             environment: variables beside the agent's own.
             gives_up: whether a program that is cut off leaves things as they were.
+            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
+                or more.
         """
+        if not timeout_s > 0:
+            raise ValueError("timeout_s must be above 0")
         if not command or not command[0]:
             raise ValueError("command must be a list of the program and its arguments")
         self.name = name
         self.gives_up = gives_up
+        self.takes_s = timeout_s
         self.parameters = tuple(tuple(values) for values in (parameters or {}).values())
         self._names = tuple(parameters or {})
         if PLACE.search(command[0]):

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from robomend_client.actions import Action, ActionResult, Feedback
-from robomend_client.agent.executors.program import Program, run
+from robomend_client.agent.executors.program import TAKES_S, Program, run
 
 TRANSITIONS = ("configure", "activate", "deactivate", "cleanup")
 LAUNCHERS = {"ros1": ("roslaunch",), "ros2": ("ros2", "launch")}
@@ -22,6 +22,8 @@ LAUNCHERS = {"ros1": ("roslaunch",), "ros2": ("ros2", "launch")}
 
 class Lifecycle:
     """Makes one change of the lifecycle of nodes."""
+
+    takes_s = TAKES_S
 
     def __init__(self, name: str, nodes: Mapping[str, str], transition: str | None = None) -> None:
         """
@@ -63,6 +65,7 @@ class Launch(Program):
         arguments: Mapping[str, str] | None = None,
         parameters: Mapping[str, Sequence[str]] | None = None,
         gives_up: bool = False,
+        timeout_s: float = TAKES_S,
     ) -> None:
         """
         Args:
@@ -74,6 +77,8 @@ class Launch(Program):
             arguments: the launch file's own, name → value; `{NAME}` stands for a parameter.
             parameters: name → what it may be, in the order in which the action has them.
             gives_up: whether one that is cut off leaves things as they were.
+            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
+                or more.
         """
         if release not in LAUNCHERS:
             raise ValueError(f"release must be one of {', '.join(LAUNCHERS)}, not {release!r}")
@@ -82,4 +87,4 @@ class Launch(Program):
                 raise ValueError(f"{key} must be a name, not {word!r}")
         given = [f"{key}:={value}" for key, value in (arguments or {}).items()]
         command = [*LAUNCHERS[release], package, file, *given]
-        super().__init__(name, command, base, parameters, gives_up=gives_up)
+        super().__init__(name, command, base, parameters, gives_up=gives_up, timeout_s=timeout_s)

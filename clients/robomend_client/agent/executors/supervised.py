@@ -8,6 +8,9 @@ from robomend_client.actions import Action, ActionResult, Feedback
 from robomend_client.agent.executors.base import ActionExecutor
 from robomend_client.agent.processes import SupervisedProcess
 
+SLACK_S = 2.0
+"""For what is beside a process' own time: its turn, the guard, the way to the service."""
+
 
 class StartNode:
     """Starts a process and waits for the evidence that it runs."""
@@ -17,6 +20,7 @@ class StartNode:
 
     def __init__(self, processes: Mapping[str, SupervisedProcess]) -> None:
         self.parameters = (tuple(processes),)
+        self.takes_s = {name: one.spec.start_timeout_s + SLACK_S for name, one in processes.items()}
         self._processes = processes
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
@@ -31,6 +35,7 @@ class StopNode:
 
     def __init__(self, processes: Mapping[str, SupervisedProcess]) -> None:
         self.parameters = (tuple(processes),)
+        self.takes_s = {name: one.spec.stop_grace_s + SLACK_S for name, one in processes.items()}
         self._processes = processes
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:

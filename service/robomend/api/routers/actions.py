@@ -76,6 +76,7 @@ async def poll(
             agent=body.agent,
             can=body.can,
             observes={one.atom: (one.detection_s, one.settling_s) for one in body.observes},
+            takes_s=body.takes_s,
             settled=body.settled,
             by=reporter_of(principal),
         )

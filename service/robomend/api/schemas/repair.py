@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -107,6 +107,12 @@ class PollBody(In):
         max_length=10_000,
         description="`name` or `name:parameter,parameter` of each action; null: anything",
         examples=[["start_node:hokuyo_node", "stop_node:hokuyo_node"]],
+    )
+    takes_s: dict[Sentence, Annotated[float, Field(gt=0, le=86400)]] = Field(
+        default={},
+        max_length=10_000,
+        description="how long an answer may take: of a `name`, or of `name:parameter,parameter`",
+        examples=[{"calibrate": 30.0}],
     )
     observes: list[ObservesBody] = Field(default=[], max_length=10_000)
     settled: int | None = Field(default=None, ge=0, le=MAX_INT, description="the newest `n` it acted on")
