@@ -225,7 +225,7 @@ def command(
 
     def take_in(record: Record) -> None:
         counted = len(report.scores)
-        judge([record], report)
+        judge([record], report, waits=beside)
         if kept is not None and len(report.scores) > counted:
             kept.add(report.scores[-1])
 
@@ -247,7 +247,9 @@ def command(
     rows: dict[str, list[Score]] = {}
     if beside:
         rows = {"robomend" if agent == "service" else agent: report.group("faults")}
-        rows |= {says: _scores_of(name, everything, terms) for name, says in IN_USE.items()}
+        counted = {score.trial for score in report.group("faults")}
+        same = [trial for trial in everything if str(trial) in counted]
+        rows |= {says: _scores_of(name, same, terms) for name, says in IN_USE.items()}
     if output == "json":
         click.echo(
             json.dumps({**report.as_json(), **({"beside": beside_json(rows)} if rows else {})}, indent=1)
@@ -308,18 +310,19 @@ def _faults(
             number += 1
 
 
-def judge(records: Sequence[Record], report: Report) -> None:
+def judge(records: Sequence[Record], report: Report, *, waits: bool = False) -> None:
     """Score the records into the report; those that are no measurements are named, with the reason.
 
-    Where the computer is kept busy on purpose, and in the field, that the service has to wait is measured.
+    Where the computer is kept busy on purpose, in the field, and where others have the same faults (`waits`),
+    that the service has to wait is measured.
     """
     for record in records:
         if record.error:
             report.errors.append((str(record.trial), record.error))
             continue
         robot = robot_of(record.trial, report.topics_hz)
-        waits = bool(report.load) or robot.world == "field"
-        if (late_s := max(record.late_s, 0.0 if waits else record.starved_s)) > LATE_S:
+        may_wait = waits or report.load or robot.world == "field"
+        if (late_s := max(record.late_s, 0.0 if may_wait else record.starved_s)) > LATE_S:
             report.late.append((str(record.trial), late_s))
         else:
             report.scores.append(score(record, robot))
