@@ -68,6 +68,16 @@ def test_rules_that_contradict_one_another_are_warned_of(start: StartService) ->
     assert service.api("GET", "/models/clash").json()["warnings"] == [warning]
 
 
+def test_a_component_that_no_rule_can_blame_is_warned_of_when_the_model_is_saved(start: StartService) -> None:
+    service = start()
+    source = "robomend: 1\nname: x\nhardware: {pc: {}}\nnodes: {n: {publishes: {t: []}}}\n"
+    made = service.api("PUT", "/models/x", json={"source": source})
+    assert made.status_code == 201
+    (warning,) = made.json()["warnings"]
+    assert warning.startswith("no rule can blame pc")
+    assert service.api("GET", "/models/x").json()["warnings"] == [warning]
+
+
 def test_a_resource_is_created_only_where_there_is_none(start: StartService) -> None:
     service = start()
     new = {"If-None-Match": "*"}

@@ -185,3 +185,31 @@ def test_the_examples_in_the_docs_show_what_is_answered(
 
 def test_the_docs_have_examples() -> None:
     assert len(EXAMPLES) >= 4
+
+
+CIRCLE = """
+robomend: 1
+nodes:
+  ctl: {publishes: {cmd: [state]}}
+  est: {publishes: {state: [cmd], odom: [state]}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("seen", "said"),
+    [
+        (
+            "not ok(odom)",
+            "topic odom: waits for itself, in a circle (cmd ← state ← cmd), so that silence alone",
+        ),
+        ("ok(odom)", ""),
+    ],
+)
+def test_a_silence_that_blames_nobody_is_said_to_be_one(
+    seen: str, said: str, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "circle.yaml").write_text(CIRCLE)
+    assert run(["diagnose", str(tmp_path / "circle.yaml"), "-o", seen]) == 0
+    told = capsys.readouterr()
+    assert "healthy" in told.out
+    assert (said in told.err) if said else told.err == ""

@@ -11,6 +11,8 @@ from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.oneshots.warm_model import WarmModel
+from robomend.planning.advice import Situation, parts_of
+from robomend.planning.planning import plans_for
 from robomend_client.literals import Literal
 
 PROBE = """
@@ -119,3 +121,41 @@ def test_a_supply_without_power_is_the_smallest_diagnosis(seen: str, expected: l
     finally:
         engine.close()
     assert [diagnosis.bad for diagnosis in found.diagnoses] == expected
+
+
+RAIL = """
+robomend: 1
+hardware:
+  battery: {channel: 1}
+  rail: {channel: 2, fed_by: [battery]}
+  lidar: {fed_by: [rail]}
+  camera: {fed_by: [rail]}
+  base: {fed_by: [battery]}
+nodes:
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+  camera_node: {drives: [camera], publishes: {img: []}}
+  base_node: {drives: [base], publishes: {odom: []}}
+"""
+
+
+@pytest.mark.parametrize("seen", ["ok(odom)", "not ok(odom)", "not on(rail)"])
+@pytest.mark.parametrize("prior", ["", "prior: 0.02, "])
+def test_suspects_of_one_size_are_listed_as_choosing_weighs_them(prior: str, seen: str) -> None:
+    system = load_text(
+        RAIL.replace("{publishes", f"{{{prior}publishes").replace("rail: {", f"rail: {{{prior}")
+    )
+    with WarmModel(system) as warm:
+        asked = warm.question(("not ok(scan)", "not ok(img)", seen))
+        result = warm.ask(asked).result
+    situation = Situation(parts_of(system), tuple(sorted(asked.literals)), result, cnf=system.cnf)
+    plans = plans_for(situation.model, situation.observed, [one.bad for one in situation.wanted])
+    chosen = {one.diagnosis.bad: one.weight for one in situation.decide(plans).alternatives}
+    for size in {len(bad) for bad in chosen}:
+        listed = [chosen[one.bad] for one in result.diagnoses if len(one.bad) == size and one.bad in chosen]
+        assert listed == sorted(listed, reverse=True)
+
+
+def test_what_explains_why_the_rest_works_comes_first() -> None:
+    with WarmModel(load_text(RAIL)) as warm:
+        result = warm.ask(warm.question(("not ok(scan)", "not ok(img)", "ok(odom)"))).result
+    assert [one.bad for one in result.diagnoses[:2]] == [("rail",), ("battery",)]

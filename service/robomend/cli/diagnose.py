@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from robomend.diagnosis.probes import ProbeResult
     from robomend.diagnosis.result import DiagnosisResult, Options
     from robomend.model.cnf import HealthCnf
+    from robomend.model.system import System
     from robomend.oneshots.question import Question
     from robomend.oneshots.warm_model import WarmModel
+    from robomend_client.literals import Literal
 
 PROBES_S = 0.5
 """For finding out what to look at next: it comes on top of the diagnosis."""
@@ -107,11 +109,26 @@ def command(model: str, **given: Any) -> int:
         else:
             asked = warm.question(given["observe"])
             result = warm.ask(asked).result
+            if result.healthy:
+                _say_what_is_excused(system, asked.literals)
             if given["format_"] != "json" and not given["factored"]:
                 result = leading_first(result)
                 probes = warm.probes(asked, result, limit=PROBES, timeout_s=PROBES_S)
     blind = not given["observe"] and not given["together"]
     return _one(result, system.cnf, given, probes, repairable=system.parts is not None, blind=blind)
+
+
+def _say_what_is_excused(system: System, observed: Collection[Literal]) -> None:
+    """Warn of topics that were seen silent while nobody is blamed: they wait, in a circle or for an input."""
+    from robomend.model.checking import excused
+
+    silent = {
+        one.atom.args[0]
+        for one in observed
+        if not one.positive and one.atom.predicate == "ok" and len(one.atom.args) == 1
+    }
+    for sentence in excused(system, silent) if silent else ():
+        click.echo(f"warning: {sentence}", err=True)
 
 
 def _one(

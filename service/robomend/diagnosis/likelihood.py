@@ -32,7 +32,10 @@ def likelihood(cnf: HealthCnf, observed: Iterable[Literal], bad: Collection[str]
     """
     if not cnf.puts_out or not bad:
         return 1.0
-    seen = {literal.atom: literal.positive for literal in observed}
+    return _likelihood(cnf, {literal.atom: literal.positive for literal in observed}, bad)
+
+
+def _likelihood(cnf: HealthCnf, seen: Mapping[Atom, bool], bad: Collection[str]) -> float:
     blamed = frozenset(bad)
     counted: set[tuple[str, Atom]] = set()
     factors = []
@@ -52,7 +55,10 @@ def likelihoods(
     cnf: HealthCnf, observed: Collection[Literal], diagnoses: Iterable[Collection[str]]
 ) -> list[float]:
     """Return the likelihood under each diagnosis."""
-    return [likelihood(cnf, observed, bad) for bad in diagnoses]
+    if not cnf.puts_out:
+        return [1.0 for _ in diagnoses]
+    seen = {literal.atom: literal.positive for literal in observed}
+    return [_likelihood(cnf, seen, bad) if bad else 1.0 for bad in diagnoses]
 
 
 def works_in_part(cnf: HealthCnf, observed: Iterable[Literal], bad: Iterable[str]) -> frozenset[str]:

@@ -45,6 +45,9 @@ from robomend_client.literals import Literal
 STEP = 1e6
 """Between sizes where diagnoses are listed by size first: more than the log odds of any diagnosis."""
 
+WEIGHED = 1_000
+"""Diagnoses that are put in order by weight: some milliseconds. Of more, nobody reads the first few only."""
+
 SCALE = 1 << 20
 """Log odds as integers: their sum over a hundred components is off by 5e-5 at most."""
 
@@ -204,6 +207,26 @@ def rank(
             components=cnf.components,
         )
     return replace(result, diagnoses=diagnoses, unexplored=unexplored)
+
+
+def most_probable_first(
+    result: DiagnosisResult, cnf: HealthCnf, observed: Collection[Literal]
+) -> DiagnosisResult:
+    """Return the result with the diagnoses of one size in the order in which robomend.planning.choice weighs
+    them where nothing was tried: by probability, or, without priors, by how well OBS fits each.
+    """
+    diagnoses = result.diagnoses
+    if len(diagnoses) < 2 or len(diagnoses) > WEIGHED:
+        return result
+    weights = [one.probability for one in diagnoses if one.probability is not None]
+    if len(weights) < len(diagnoses):
+        if not cnf.puts_out:
+            return result
+        weights = likelihoods(cnf, observed, [one.bad for one in diagnoses])
+    order = sorted(
+        range(len(diagnoses)), key=lambda index: (len(diagnoses[index].bad), -round(weights[index], 12))
+    )
+    return replace(result, diagnoses=tuple(diagnoses[index] for index in order))
 
 
 def size_then_odds(cnf: HealthCnf) -> Callable[[int], float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from pysat.solvers import Solver
 
@@ -88,8 +88,9 @@ def unblamable(system: System) -> Iterator[str]:
         yield f"and {counted(len(names) - SHOWN, 'more component')} that no rule can blame"
 
 
-def excused(system: System) -> Iterator[str]:
-    """Published topics whose silence nobody can be blamed for, until something else is observed.
+def excused(system: System, topics: Collection[str] | None = None) -> Iterator[str]:
+    """Published topics, or those of `topics`, whose silence nobody can be blamed for, until something else is
+    observed.
 
     With every component healthy, such a topic may be silent all the same: it waits for an input that no node
     publishes, or for itself, in a circle. The six schemes say so; whoever writes the model seldom means it.
@@ -100,7 +101,7 @@ def excused(system: System) -> Iterator[str]:
     publishers = publishers_of(model)
     free = _unforced(system, publishers)
     by_cause: dict[str, list[str]] = {}
-    for topic in free:
+    for topic in free if topics is None else [one for one in free if one in topics]:
         by_cause.setdefault(_waits_for(topic, free, publishers), []).append(topic)
     for cause, topics in by_cause.items():
         more = f" and {len(topics) - SHOWN} more" if len(topics) > SHOWN else ""

@@ -16,7 +16,7 @@ from types import TracebackType
 
 from robomend.diagnosis.engines import DEFAULT, make_engine
 from robomend.diagnosis.probes import Prober, ProbeResult
-from robomend.diagnosis.ranking import rank
+from robomend.diagnosis.ranking import most_probable_first, rank
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.diagnosis.snapshots import diagnose_snapshots
 from robomend.errors import OptionRefused
@@ -181,16 +181,17 @@ class WarmModel:
 def ask_engine(
     engine: Engine, cnf: HealthCnf, literals: Iterable[Literal], options: Options
 ) -> DiagnosisResult:
-    """Return an engine's answer, weighed by the model's priors if the engine did not do so itself.
+    """Return an engine's answer, weighed by the model's priors if the engine did not do so itself, and of
+    each size the most probable first.
 
     The literals are put in order first: which of several conflicts an engine finds depends on it, and a set
     has to have one answer whoever asks, in whatever process.
     """
     observed = sorted(literals, key=_order)
     result = engine.diagnose(observed, options)
-    if any(diagnosis.probability is not None for diagnosis in result.diagnoses):
-        return result
-    return rank(result, cnf, options, observed)
+    if all(diagnosis.probability is None for diagnosis in result.diagnoses):
+        result = rank(result, cnf, options, observed)
+    return most_probable_first(result, cnf, observed) if options.order == "size" else result
 
 
 def _order(literal: Literal) -> tuple[str, tuple[str, ...], bool]:

@@ -25,7 +25,7 @@ from typing import TypeVar, TypeVarTuple
 from robomend.diagnosis.result import Options
 from robomend.errors import Overloaded, RobomendError, TooLarge
 from robomend.model.budget import check_steps
-from robomend.model.checking import contradictory
+from robomend.model.checking import contradictory, unblamable
 from robomend.model.clauses import Assertion
 from robomend.model.loading import load_text
 from robomend.model.packed import packed, packed_assertion
@@ -108,7 +108,8 @@ class Readers:
     async def model(
         self, source: str, *, name: str | None, format: str | None, guest: bool = False
     ) -> System:
-        """Return the system description in a text, with the warning that its rules contradict one another.
+        """Return the system description in a text, with the warnings that its rules contradict one another
+        and that no rule can blame a component.
 
         Such a model is taken all the same: it is well-formed, and one that cannot be healthy may be meant.
 
@@ -253,10 +254,10 @@ def read_model(
         ):
             if count > limit:
                 raise TooLarge(f"the model has {count} {what}; max_{what} is {limit}")
-    clash: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     if len(system.cnf.clauses) <= LOOKED_AT:
-        clash = tuple(contradictory(system, CONFLICTS))
-    return replace(system, cnf=packed(system.cnf), warnings=(*system.warnings, *clash))
+        doubts = (*contradictory(system, CONFLICTS), *unblamable(system))
+    return replace(system, cnf=packed(system.cnf), warnings=(*system.warnings, *doubts))
 
 
 def read_question(

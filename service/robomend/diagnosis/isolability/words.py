@@ -21,6 +21,10 @@ SHOWN = 12
 """Names in one sentence."""
 
 
+SELF_TEST = "self_test"
+"""A property that is suggested where the model has none."""
+
+
 @dataclass(frozen=True, slots=True)
 class Suggestion:
     """Something that could be added to the model, and what to watch then."""
@@ -46,6 +50,8 @@ def watched(atom: Atom, parts: ComponentModel | None) -> str:
             return f"the memory of {node}"
         case "ok", (topic,):
             return topic
+        case "ok", (name, component) if name == SELF_TEST:
+            return f"a self-test of {component}, or what another sensor says of the same"
         case "ok", (name, component):
             return f"the {name} of {component}"
         case "matched", (one, other):
@@ -80,9 +86,10 @@ def _own(name: str, parts: ComponentModel) -> Iterator[Atom]:
     if name in parts.hardware:
         if parts.switchable(name):
             yield Atom("ok", ("current", name))
-        yield Atom("on", (name,))
+            yield Atom("on", (name,))
         for prop in parts.properties:
             yield Atom("ok", (prop, name))
+        yield Atom("ok", (SELF_TEST, name))  # of what has no channel nobody sees whether it is on
     else:
         yield Atom("running", (name,))
         yield Atom("ok", ("CPU", name))
