@@ -13,8 +13,8 @@ from robomend_bench.batch.command import PARTS as BATCH_PARTS
 from robomend_bench.batch.command import command as batch
 from robomend_bench.contenders import MODES
 from robomend_bench.faults.bench import LATE_S
-from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.command import command as faults
+from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.observing import PRESETS
 from robomend_bench.faults.policy import MOST_NODES, MOST_STATES
 from robomend_bench.faults.robot import MADE, find_robot, robot_names
@@ -88,12 +88,12 @@ def test_every_command_of_the_score_can_be_run(line: str) -> None:
 
 def test_the_score_s_page_names_every_class_stretch_and_robot_with_its_share() -> None:
     page = (DOCS / "score.md").read_text()
-    for described in CLASSES:
+    for described in BY_NAME.values():
         plus = "+" if described.apart else ""
         assert f"| `{described.name}` | {plus}{described.share} |" in page, described.name
     for stretch in STRETCHES:
         assert f"| `{stretch.name}` | {stretch.seconds:g} s |" in page, stretch.name
-    for name in set(robot_names()) - set(MADE):
+    for name in set(robot_names("field")) - set(MADE):
         anatomy = find_robot(name).anatomy
         sizes = f"{len(anatomy.devices)} + {len(anatomy.nodes)} | {len(anatomy.topics)}"
         assert f"| `{name}` | {sizes} |" in page, name
