@@ -2,7 +2,7 @@
 ;;
 ;; Problems come from service/robomend/planning/problem.py:
 ;;   init   OBS completed, bad and good of one diagnosis; exactly one of each pair holds;
-;;          what is stopped or off is bad
+;;          what is stopped or off is bad; what is stopped and may still be there lingers
 ;;   goal   (good ?c) for each component that is meant to work
 ;;
 ;; Conventions
@@ -14,7 +14,8 @@
 ;;
 ;; Why it is larger than the paper's four actions (paper-repair.pddl)
 ;;   A device that comes back from a power cycle leaves its driver holding a dead connection: the driver
-;;   turns bad and must be restarted. A node is only started once what it rests on is good.
+;;   turns bad and must be restarted, unless it reconnects. A node is only started once what it rests on is
+;;   good, and nothing of it is left from before.
 ;;   A user's own actions are merged in: docs/planning.md, "Your own actions".
 
 (define (domain robot-repair)
@@ -26,10 +27,12 @@
     (good ?c - component)               ; expected to work; the next diagnosis decides
     (on ?h - hardware) (off ?h - hardware)
     (running ?n - node) (stopped ?n - node)
+    (lingers ?n - node)                 ; stopped, by what is observed, and not known to have ended
     ;; static from here
     (switchable ?h - hardware)          ; has a channel of the power board
     (restartable ?n - node)
     (drives ?n - node ?h - hardware)
+    (loses ?n - node ?h - hardware)     ; n drives h, and its connection is dead once h was off
     (fed_by ?h - hardware ?p - hardware)   ; or by what feeds that, up the chain
     (hangs_on ?h - hardware ?p - hardware) ; fed by it, and without a channel of its own
     (needs ?n - node ?m - node)         ; m must be good before n starts
@@ -44,10 +47,10 @@
     :precondition (and (switchable ?h) (off ?h)
       (forall (?p - hardware) (imply (fed_by ?h ?p) (good ?p))))
     :effect (and (on ?h) (not (off ?h)) (good ?h) (not (bad ?h))
-      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (forall (?n - node) (when (loses ?n ?h) (and (bad ?n) (not (good ?n)))))
       (forall (?d - hardware) (when (hangs_on ?d ?h) (and (good ?d) (not (bad ?d)))))
       (forall (?d - hardware ?n - node)
-        (when (and (fed_by ?d ?h) (drives ?n ?d)) (and (bad ?n) (not (good ?n)))))
+        (when (and (fed_by ?d ?h) (loses ?n ?d)) (and (bad ?n) (not (good ?n)))))
       (increase (total-cost) 10)))
 
   ;; Only what is blamed is switched off: a plan never darkens a device that works.
@@ -55,23 +58,24 @@
     :parameters (?h - hardware)
     :precondition (and (switchable ?h) (on ?h) (bad ?h))
     :effect (and (off ?h) (not (on ?h))
-      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (forall (?n - node) (when (loses ?n ?h) (and (bad ?n) (not (good ?n)))))
       (forall (?d - hardware) (when (hangs_on ?d ?h) (and (bad ?d) (not (good ?d)))))
       (increase (total-cost) 15)))
 
   (:action start_node
     :parameters (?n - node)
-    :precondition (and (restartable ?n) (stopped ?n)
+    :precondition (and (restartable ?n) (stopped ?n) (not (lingers ?n))
       (forall (?h - hardware) (imply (drives ?n ?h) (good ?h)))
       (forall (?m - node) (imply (needs ?n ?m) (good ?m))))
     :effect (and (running ?n) (not (stopped ?n)) (good ?n) (not (bad ?n))
       (increase (total-cost) 3)))
 
   ;; Only what is blamed is stopped. A driver turns bad when its device's power comes back, so that is waited
-  ;; for: a relay that is stuck does not cost a node its life.
+  ;; for: a relay that is stuck does not cost a node its life. A process that is halted, or of which nothing is
+  ;; heard, is stopped like one that runs: to start it would find it there.
   (:action stop_node
     :parameters (?n - node)
-    :precondition (and (restartable ?n) (running ?n) (bad ?n))
-    :effect (and (stopped ?n) (not (running ?n)) (bad ?n) (not (good ?n))
+    :precondition (and (restartable ?n) (or (and (lingers ?n) (stopped ?n)) (running ?n)) (bad ?n))
+    :effect (and (stopped ?n) (not (running ?n)) (not (lingers ?n)) (bad ?n) (not (good ?n))
       (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
       (increase (total-cost) 1))))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import pytest
 from tests.planning.robots import TEDUSAR
 
 from robomend.diagnosis.engines import make_engine
@@ -12,12 +14,14 @@ from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.model.loading import load_model, load_text
 from robomend.model.system import System
-from robomend.planning.advice import Situation, looks, parts_of
-from robomend.planning.choice import Candidate, Choice, power_cuts
+from robomend.planning.advice import OVER_GOOD_DATA, Situation, looks, parts_of
+from robomend.planning.choice import Candidate, Choice
+from robomend.planning.cures import power_cuts
 from robomend.planning.domain.loading import shipped
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
-from robomend.planning.tried import Attempt
+from robomend.planning.tried import Attempt, Patience, attempt, interruptions
 from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.readings import Symptom
 
 MUTE: tuple[Literal, ...] = (holds("on", "jaguar"), holds("running", "jaguar_node"), fails("ok", "odom"))
 TIED = (Diagnosis(("jaguar",)), Diagnosis(("jaguar_node",)))
@@ -83,6 +87,7 @@ def chosen(
     *observed: Literal,
     tried: tuple[Attempt, ...] = (),
     surely_broken: frozenset[str] = frozenset(),
+    **known: Any,
 ) -> Choice:
     """What is done about these observations, from the engine to the plan."""
     engine = make_engine("sat", system.cnf)
@@ -91,10 +96,11 @@ def chosen(
     finally:
         engine.close()
     situation = Situation(
-        parts_of(system), observed, result, tried, cnf=system.cnf, surely_broken=surely_broken
+        parts_of(system), observed, result, tried, cnf=system.cnf, surely_broken=surely_broken, **known
     )
     wanted = [diagnosis.bad for diagnosis in situation.wanted]
-    return situation.decide(plans_for(situation.model, situation.observed, wanted, PlanOptions()))
+    options = PlanOptions(quarantined=tuple(situation.second_published))
+    return situation.decide(plans_for(situation.model, situation.observed, wanted, options))
 
 
 def steps(choice: Choice) -> list[str]:
@@ -256,3 +262,171 @@ def test_in_a_circle_who_fell_first_leads() -> None:
 
 def test_differences_of_less_than_a_period_say_nothing() -> None:
     assert blamed_by_onset(cmd_s=1.0, state_s=1.19) == blamed_by_onset(cmd_s=1.19, state_s=1.0)
+
+
+BUS = load_text(
+    """
+robomend: 1
+hardware:
+  bus: {channel: 1}
+  imu: {fed_by: bus}
+  cam: {fed_by: bus}
+  gps: {channel: 2, fed_by: bus}
+nodes:
+  imu_d: {drives: imu, publishes: [acc], inputs_matter: true}
+  cam_d: {drives: cam, publishes: [img]}
+  gps_d: {drives: gps, publishes: [fix]}
+blame_hardware: true
+"""
+)
+WELL = (holds("ok", "img"), holds("ok", "fix"))
+
+
+def tried_in(choice: Choice, at_ns: int = 0) -> Attempt:
+    """Return the attempt that a choice comes to, each effect seen, in vain."""
+    assert choice.plan is not None
+    assert choice.diagnosis is not None
+    return attempt(
+        choice.diagnosis,
+        choice.plan,
+        done=None,
+        time_ns=at_ns,
+        effect_seen=True,
+        helped=False,
+        model=parts_of(BUS),
+    )
+
+
+def test_a_cut_that_darkens_what_works_comes_after_every_cheaper_act_that_is_worth_doing() -> None:
+    first = chosen(BUS, *WELL, fails("ok", "acc"))
+    assert steps(first) == ["stop_node(imu_d)", "start_node(imu_d)"]
+    second = chosen(BUS, *WELL, fails("ok", "acc"), tried=(tried_in(first),))
+    assert steps(second) == ["stop_node(imu_d)", "start_node(imu_d)"]
+    bus = next(one for one in second.alternatives if "shutdown(bus)" in map(str, one.plan.steps))
+    again = next(one for one in second.alternatives if one.plan is second.plan)
+    assert bus.darkens == {"cam", "gps"}
+    assert "it cuts the power of what works: cam, gps" in bus.reason
+    # By probability over the costs of the acts alone the bus would come first.
+    assert bus.helps / bus.plan.cost > again.helps / again.plan.cost
+    assert bus.score > 0
+    third = chosen(BUS, *WELL, fails("ok", "acc"), tried=(tried_in(first), tried_in(second)))
+    assert "shutdown(bus)" in steps(third)
+
+
+def test_what_is_seen_to_be_broken_is_not_darkened() -> None:
+    choice = chosen(BUS, *(fails("ok", topic) for topic in ("acc", "img", "fix")))
+    bus = next(one for one in choice.alternatives if one.diagnosis.bad == ("bus",))
+    assert bus.darkens == frozenset()
+    assert bus.plan.cost == Patience().dark_cost + 3 * 4
+
+
+def test_the_cycle_of_a_supply_counts_as_one_of_what_hangs_on_it_by_a_channel_of_its_own_too() -> None:
+    """A tie of bus and gps: the bus is cycled in vain; then the gps is not cycled once more."""
+    silent = (fails("ok", "fix"), fails("ok", "img"), fails("ok", "acc"))
+    cycle = plan_for(parts_of(BUS), silent, ["bus"])
+    vain = attempt(
+        Diagnosis(("bus",)), cycle, done=None, time_ns=0, effect_seen=True, helped=False, model=parts_of(BUS)
+    )
+    assert vain.cycled == {"bus", "imu", "cam", "gps"}
+    gps = (fails("ok", "fix"), holds("ok", "img"), holds("ok", "acc"))
+    driver = replace(vain, bad=frozenset({"gps_d"}), repaired=frozenset({"gps_d"}), cycled=frozenset())
+    before = chosen(BUS, *gps, tried=(driver, driver))
+    assert "shutdown(gps)" in steps(before)
+    after = chosen(BUS, *gps, tried=(vain, driver, driver))
+    own = [one for choice in (before, after) for one in choice.alternatives if one.diagnosis.bad == ("gps",)]
+    assert own[1].helps < 0.2 * own[0].helps
+    assert after.plan is None or "shutdown(gps)" not in steps(after)
+
+
+def test_power_that_was_seen_to_go_and_come_back_was_cycled_and_the_drivers_are_restarted() -> None:
+    silent = tuple(fails("ok", topic) for topic in ("fix", "img", "acc"))
+    onsets = {literal.atom: 10 for literal in silent}
+    without = chosen(BUS, holds("on", "bus"), *silent, onsets=onsets)
+    assert "shutdown(bus)" in steps(without)
+    seen = chosen(BUS, holds("on", "bus"), *silent, onsets=onsets, power_back={"bus": 20})
+    restarted = [f"{verb}_node({name})" for name in ("imu_d", "cam_d", "gps_d") for verb in ("stop", "start")]
+    assert sorted(steps(seen)) == sorted(restarted)
+    # What was well after its power had come back was not cycled in vain.
+    later = dict.fromkeys(onsets, 30)
+    assert "shutdown(bus)" in steps(chosen(BUS, *silent, onsets=later, power_back={"bus": 20}))
+    # A cycle of ours is an attempt already; one of what was restarted since has a new connection.
+    ours = Attempt(frozenset({"bus"}), frozenset({"bus"}), 20, effect_seen=True, helped=False)
+    assert interruptions(parts_of(BUS), {"bus": 20}, onsets, [ours]) == ([], frozenset())
+    since = Attempt(frozenset({"gps_d"}), frozenset({"gps_d"}), 25, effect_seen=True, helped=False)
+    (cycle,), dropped = interruptions(parts_of(BUS), {"bus": 20}, onsets, [since])
+    assert cycle.cycled == {"bus", "imu", "cam", "gps"}
+    assert dropped == {"imu_d", "cam_d"}
+
+
+BASE = load_text(
+    """
+robomend: 1
+hardware: {base: {channel: 1}}
+nodes: {base_d: {drives: base, publishes: [odom, temp]}, loc: {publishes: {pose: [odom]}}}
+properties: [diagnostics]
+rules: ["not ab(base_d) -> ok(diagnostics)"]
+"""
+)
+FAST = {Atom("ok", ("odom",)): Symptom.FAST}
+
+
+@pytest.mark.parametrize("symptom", [Symptom.FAST, Symptom.PUBLISHERS])
+def test_for_what_comes_too_fast_nothing_is_restarted_and_a_second_publisher_is_looked_for(
+    symptom: Symptom,
+) -> None:
+    seen = (fails("ok", "odom"), holds("ok", "temp"))
+    choice = chosen(BASE, *seen, symptoms={Atom("ok", ("odom",)): symptom})
+    assert choice.plan is None
+    assert choice.reason == (
+        "probably a second publisher: look who publishes odom; a person is needed; "
+        "no known repair: to act on base_d is no remedy for that; to act on base is no remedy for that"
+    )
+    for other in (Symptom.SILENT, Symptom.SLOW, Symptom.OLD, None):
+        symptoms = {} if other is None else {Atom("ok", ("odom",)): other}
+        assert steps(chosen(BASE, *seen, symptoms=symptoms)) == ["stop_node(base_d)", "start_node(base_d)"]
+
+
+def test_what_else_is_broken_is_repaired_beside_what_comes_too_fast() -> None:
+    seen = (fails("ok", "odom"), holds("ok", "pose"), fails("running", "loc"))
+    choice = chosen(BASE, *seen, symptoms=FAST)
+    assert steps(choice) == ["start_node(loc)"]
+
+
+def driven_in_vain(times: int) -> tuple[Attempt, ...]:
+    one = Attempt(
+        frozenset({"base_d"}),
+        frozenset({"base_d"}),
+        0,
+        effect_seen=True,
+        helped=False,
+        actions=("stop_node(base_d)", "start_node(base_d)"),
+    )
+    return (one,) * times
+
+
+@pytest.mark.parametrize("symptom", [None, Symptom.SILENT, Symptom.STILL])
+def test_power_is_cut_for_what_is_silent_and_not_without_a_person_for_what_stands_still(
+    symptom: Symptom | None,
+) -> None:
+    symptoms = {Atom("ok", ("odom",)): symptom} if symptom else {}
+    seen = (fails("ok", "odom"), fails("ok", "temp"))
+    if symptom:
+        symptoms[Atom("ok", ("temp",))] = symptom
+    assert steps(chosen(BASE, *seen, symptoms=symptoms)) == ["stop_node(base_d)", "start_node(base_d)"]
+    cut = chosen(BASE, *seen, tried=driven_in_vain(2), symptoms=symptoms)
+    assert "shutdown(base)" in steps(cut)
+    still = symptom is Symptom.STILL
+    assert bool(cut.yes) is still
+    if still:
+        assert "power is not cut for ok(odom) (still), ok(temp) (still) without a person's yes" in cut.reason
+
+
+def test_a_bad_self_report_over_good_data_is_worth_one_restart_and_no_power_cycle() -> None:
+    warned = {Atom("ok", ("diagnostics",)): Symptom.SELF_REPORT}
+    good = (fails("ok", "diagnostics"), holds("ok", "odom"), holds("ok", "temp"))
+    once = chosen(BASE, *good, symptoms=warned)
+    assert steps(once) == ["stop_node(base_d)", "start_node(base_d)"]
+    assert once.alternatives[0].helps == pytest.approx(OVER_GOOD_DATA)
+    assert chosen(BASE, *good, symptoms=warned, tried=driven_in_vain(1)).plan is None
+    # Over bad data, or none, it is one symptom as any.
+    assert chosen(BASE, fails("ok", "diagnostics"), symptoms=warned).alternatives[0].helps == 1.0

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.choice import Candidate, Look, choose, common_part
+from robomend.planning.choice import SURE, Candidate, Look, choose, common_part
 from robomend.planning.cures import CURES, Cure
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
@@ -99,6 +99,7 @@ def test_what_was_done_in_vain_is_not_repeated_where_that_costs_more_than_it_sav
     assert helps < driver.plan.cost / Patience().person_cost
     assert nothing.plan is None
     assert nothing.reason == (
+        "probably imu itself: a person is needed; "
         "no known repair: driver was repaired before, and it did not help; "
         "imu left alone for a while, as its repairs keep failing or do not last; "
         "suspected most: imu (weight 0.95), driver (weight 0.048)"
@@ -379,10 +380,10 @@ def test_a_supply_on_which_other_things_work_is_not_cut_where_that_hardly_helps(
     assert choice.diagnosis == Diagnosis(("driver",), 0.06)
     rail = next(one for one in choice.alternatives if one.diagnosis.bad == ("rail",))
     assert rail.score == 0
-    assert rail.reason == "rail: helps with probability 0.02 at cost 41; too little to cut power for"
+    assert rail.reason == "rail: helps with probability 0.02 at cost 41; of less use than to ask a person"
     nothing = choose([hopeless("lamp", 0.9), cutting("rail", 41, 0.1)])
     assert nothing.plan is None
-    assert "rail: helps with probability 0.05 at cost 41; too little to cut power for" in nothing.reason
+    assert "rail: helps with probability 0.05 at cost 41; of less use than to ask a person" in nothing.reason
     assert "lamp: it was done in vain" in nothing.reason
 
 
@@ -391,6 +392,57 @@ def test_power_is_cut_where_that_costs_less_than_to_call_a_person_at_once() -> N
     assert choose([hopeless("rest", 5 / 6), cutting("d0", 26, 1 / 6)]).plan is None
     assert choose([cutting(f"d{number}", 26, 1 / 6) for number in range(6)]).plan is not None  # all of them
     assert choose([cutting("whole", 1000, 1.0)]).plan is not None  # a person would try it, too
+
+
+def test_no_act_is_done_that_is_of_less_use_than_to_ask_a_person() -> None:
+    """A computer that nothing restarts makes five topics late; its nodes are healthy."""
+    nodes = candidate("n1 n2 n3 n4 n5", 20, 7.3e-9)
+    nothing = choose([hopeless("pc", 1 - 7.3e-9), nodes])
+    assert nothing.plan is None
+    assert nothing.reason.startswith("probably pc itself: a person is needed; no known repair: ")
+    assert "at cost 20; of less use than to ask a person" in nothing.reason
+    assert nothing.expected_cost == Patience().person_cost
+    assert choose([hopeless("pc", 0.98), candidate("n1", 4, 0.02)]).plan is not None
+
+
+def test_what_no_act_mends_is_said_first_and_a_person_is_not_asked_to_repeat_what_hardly_helps() -> None:
+    """Device and driver cannot be told apart; to restart the driver was in vain."""
+    device, driver = hopeless("imu", 0.5), candidate("driver", 4, 0.5)
+    first = choose([device, driver])
+    assert (first.plan, first.beyond) == (driver.plan, "")
+    vain = [replace(tried("driver"), actions=("mend(driver)",))]
+    again = choose([device, driver], vain)
+    assert again.plan is driver.plan
+    assert again.reason.startswith("probably imu itself: a person is needed; driver: helps with probability")
+    asked = choose([device, replace(driver, asks=True)], vain)
+    assert asked.plan is None
+    assert asked.reason.startswith("probably imu itself: a person is needed; no known repair: ")
+    assert choose([device, replace(driver, asks=True)]).plan is driver.plan
+
+
+@given(st.lists(st.tuples(st.integers(1, 60), st.integers(1, 90), st.booleans()), min_size=1, max_size=4))
+def test_something_is_done_just_where_that_costs_less_than_to_ask_a_person_at_once(
+    cases: list[tuple[int, int, bool]],
+) -> None:
+    """Against every order of every choice of the plans; what nothing repairs is the rest."""
+    chances = [chance / 240 for chance, _, _ in cases]
+    patience = Patience()
+    candidates = [
+        replace(candidate(f"c{i}", cost, chances[i]), asks=asks) for i, (_, cost, asks) in enumerate(cases)
+    ]
+    rest = 1 - sum(chances)
+    if rest > 0:
+        candidates.append(hopeless("rest", rest))
+    costs = [cost + patience.ask_cost * asks for _, cost, asks in cases]
+    orders = (order for count in range(1, len(cases) + 1) for order in permutations(range(len(cases)), count))
+    least = min(
+        expected_cost(order, chances, costs) + patience.person_cost * (1 - sum(chances[i] for i in order))
+        for order in orders
+    )
+    choice = choose(candidates, patience=patience)
+    sure = any(one.helps >= SURE for one in choice.alternatives)
+    if sure or abs(least - patience.person_cost) > 1e-6:
+        assert (choice.plan is not None) is (sure or least < patience.person_cost)
 
 
 def test_power_is_never_cycled_for_ever() -> None:

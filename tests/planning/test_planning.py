@@ -314,8 +314,8 @@ def test_what_is_tied_to_a_node_that_ended_restarts_after_that_is_back(planner: 
         "stop_node(view)",
     ]
     after = {str(step): {str(plan.steps[i]) for i in step.after} for step in plan.steps}
-    assert "start_node(core)" in after["start_node(bridge)"]
-    assert "start_node(bridge)" in after["start_node(view)"]
+    assert "start_node(core)" in after["stop_node(bridge)"]
+    assert "start_node(bridge)" in after["stop_node(view)"]
 
     kept = plan_for(robot, seen, ["core"], PlanOptions(planner=planner, protected=("bridge",)))
     assert texts(kept) == ["start_node(core)"]  # what bridge was tied to is gone in any case
@@ -325,6 +325,59 @@ def test_what_is_tied_to_a_node_that_ended_restarts_after_that_is_back(planner: 
     assert texts(plan_for(robot, seen, ["core"], dragged)) == texts(plan)
     meant_so = PlanOptions(planner=planner, expected_stopped=("core",))
     assert texts(plan_for(robot, seen, [], meant_so)) == []
+
+
+def test_nothing_is_stopped_before_all_is_done_that_its_start_waits_for(planner: str) -> None:
+    """The watch restarts after the skill that it is tied to; should that not start, the watch runs on."""
+    nodes = {
+        "driver": Node("driver", drives=("arm",), publishes={"joints": ()}),
+        "skill": Node("skill", publishes={"grip": ("joints",)}),
+        "watch": Node("watch", publishes={"seen": ("grip",)}, tied_to=("skill",)),
+    }
+    robot = ComponentModel("r", {"arm": Hardware("arm", 1)}, nodes, {})
+    seen = [fails("running", "skill"), *(holds("running", name) for name in ("driver", "watch"))]
+    plan = plan_for(robot, seen, ["skill"], PlanOptions(planner=planner))
+    assert texts(plan) == ["start_node(skill)", "stop_node(watch)", "start_node(watch)"]
+    assert [step.after for step in plan.steps] == [(), (0,), (1,)]
+    hung = plan_for(robot, [], ["arm", "skill", "watch"], PlanOptions(planner=planner))
+    before = {str(step): {str(hung.steps[i]) for i in step.after} for step in hung.steps}
+    assert before["stop_node(driver)"] == {"power_up(arm)"}
+    assert before["stop_node(skill)"] == {"start_node(driver)"}
+    assert before["stop_node(watch)"] == {"start_node(skill)"}
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_a_driver_that_reconnects_is_not_restarted_with_its_device(planner: str, keep: bool) -> None:
+    nodes = {
+        "lidar_d": Node("lidar_d", drives=("lidar",), publishes={"scan": ()}, reconnects=keep),
+        "cam_d": Node("cam_d", drives=("cam",), publishes={"img": ()}, reconnects=True),
+    }
+    hardware = {
+        "rail": Hardware("rail", 1),
+        "lidar": Hardware("lidar", 2, fed_by=("rail",)),
+        "cam": Hardware("cam", fed_by=("rail",)),
+    }
+    robot = ComponentModel("r", hardware, nodes, {})
+    restart = [] if keep else ["stop_node(lidar_d)", "start_node(lidar_d)"]
+    options = PlanOptions(planner=planner)
+    assert texts(plan_for(robot, [fails("on", "lidar")], ["lidar"], options)) == ["power_up(lidar)", *restart]
+    cycle = ["shutdown(rail)", "power_up(rail)", *restart]
+    assert texts(plan_for(robot, [], ["rail"], options)) == cycle
+    # Where it is itself blamed, it is restarted as any.
+    assert "stop_node(cam_d)" in texts(plan_for(robot, [], ["cam_d"], options))
+
+
+def test_what_is_not_known_to_have_ended_is_stopped_first(planner: str) -> None:
+    nodes = {"a": Node("a", publishes={"t": ()}), "b": Node("b", publishes={"u": ("t",)})}
+    robot = ComponentModel("r", {}, nodes, {})
+    seen = [fails("running", "a"), holds("running", "b")]
+    ended = plan_for(robot, seen, ["a"], PlanOptions(planner=planner))
+    assert texts(ended) == ["start_node(a)"]
+    lingers = plan_for(robot, seen, ["a"], PlanOptions(planner=planner, lingering=("a", "b")))
+    assert texts(lingers) == ["stop_node(a)", "start_node(a)"]
+    assert [step.after for step in lingers.steps] == [(), (0,)]
+    paper = PlanOptions(planner=planner, lingering=("a",), domain=shipped("paper-repair.pddl"))
+    assert texts(plan_for(robot, seen, ["a"], paper)) == ["start_node(a)"]
 
 
 def test_feeders_come_first(planner: str) -> None:

@@ -97,6 +97,7 @@ class Robot:
     spoil: Callable[[Robot, str, str], Awaitable[int | None]] | None = None
     broken_topics: set[str] = field(default_factory=set)
     silent: bool = False
+    message: str = ""  # of its next result
     id: str = "r1"
 
     def cut(self, device: str) -> None:
@@ -159,7 +160,7 @@ class Robot:
                 code = 0
             self.done.append(f"{action['name']}({parameter})")
             await self.report()
-            await self.repairs.result(action["id"], code=code, message="", by=Reporter("robot"))
+            await self.repairs.result(action["id"], code=code, message=self.message, by=Reporter("robot"))
 
 
 @asynccontextmanager

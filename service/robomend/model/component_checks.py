@@ -97,6 +97,8 @@ class Checks:
         for node in model.nodes.values():
             for device in node.drives:
                 self.known(device, model.hardware, "hardware", node.line)
+            if node.reconnects and not node.drives:
+                self.fail(f"{node.name} drives nothing that it could reconnect to", node.line or 1)
             for other in node.tied_to:
                 self.known(other, model.nodes, "node", node.line)
                 if other == node.name:

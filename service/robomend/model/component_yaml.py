@@ -29,7 +29,9 @@ MODEL_KEYS = (
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
-NODE_KEYS = ("drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", *PART_KEYS)
+NODE_KEYS = (
+    "drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", "reconnects", *PART_KEYS,
+)  # fmt: skip
 TOPIC_KEYS = ("rate_hz", "tolerance_hz", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
@@ -162,6 +164,7 @@ class _Reader:
             restartable=True if restartable is None else restartable,
             tied_to=self.optional(entry, "tied_to", self.names) or (),
             start_s=self.optional(entry, "start_s", self.seconds),
+            reconnects=self.optional(entry, "reconnects", self.flag) or False,
             **self.common(entry, line),
         )
 

@@ -78,6 +78,7 @@ class Node(Component):
     restartable: bool = True
     tied_to: tuple[str, ...] = ()  # this node must restart after one of these restarts
     start_s: float | None = None  # from its beginning to its topics, its inputs and devices being there
+    reconnects: bool = False  # it finds its device again by itself, once that has its power back
 
 
 KINDS: tuple[type[Component], ...] = (Hardware, Node)

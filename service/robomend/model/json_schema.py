@@ -141,6 +141,7 @@ NODE: Schema = {
         "how long it takes from its beginning to its topics, its inputs and devices being there, in seconds",
         SECONDS,
     ),
+    "reconnects": _said("whether it needs no restart once its device has its power back", OFF),
     **PART,
 }
 TOPIC: Schema = {

@@ -7,7 +7,7 @@ The service, the stateless one-shots and the command line all go through here.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from robomend.diagnosis.likelihood import likelihoods, works_in_part
@@ -16,14 +16,38 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import ModelError
 from robomend.model.cnf import HealthCnf
-from robomend.model.components import ComponentModel
+from robomend.model.components import ComponentModel, Node
 from robomend.model.loops import Loop
 from robomend.model.system import System
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
+from robomend.planning.cures import carried, cycled, power_cuts
+from robomend.planning.influence import influenced, published, put_out
 from robomend.planning.partial import helpful
 from robomend.planning.plan import Plan
-from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading, unbroken_fits
+from robomend.planning.prediction import theory_of
+from robomend.planning.tried import (
+    DEFAULT_PATIENCE,
+    Attempt,
+    Patience,
+    interruptions,
+    leading,
+    unbroken_fits,
+)
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Symptom
+
+UNPOWERED: frozenset[Symptom | None] = frozenset(
+    {Symptom.FAST, Symptom.STILL, Symptom.PUBLISHERS, Symptom.SELF_REPORT}
+)
+"""Symptoms of what has power and does something: it is not cut for these without a person."""
+
+OTHERS: frozenset[Symptom | None] = frozenset({Symptom.FAST, Symptom.PUBLISHERS})
+"""Symptoms of a second publisher: to restart the one that is known is no remedy."""
+
+OVER_GOOD_DATA = 0.1
+"""P(to act on it helps against what a component reports of itself while its data are good): its limit may be
+wrong, or what it warns of no fault.
+"""
 
 
 @dataclass(frozen=True)
@@ -42,6 +66,19 @@ class Situation:
     onsets: Mapping[Atom, int] = field(default_factory=dict)  # of what is not ok, its last good sample
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of this repair, which did not cure it
     relapses: int = 0  # repairs in a row that helped what is suspected now, and did not last
+    symptoms: Mapping[Atom, Symptom] = field(default_factory=dict)  # in which way what is bad is so
+    power_back: Mapping[str, int] = field(default_factory=dict)  # device -> when its power was seen to return
+    asking: frozenset[str] = frozenset()  # actions to which a person has to say yes
+
+    @property
+    def _interrupted(self) -> tuple[list[Attempt], frozenset[str]]:
+        """What was cycled without our doing, as attempts; the drivers whose connections that has cut."""
+        return interruptions(self.model, self.power_back, self.onsets, self.tried)
+
+    @property
+    def _history(self) -> tuple[Attempt, ...]:
+        """What was tried, and what happened besides that comes to the same."""
+        return (*self.tried, *self._interrupted[0])
 
     @property
     def wanted(self) -> tuple[Diagnosis, ...]:
@@ -56,7 +93,7 @@ class Situation:
         """The most probable diagnoses, by what was tried: those worth a plan of their own."""
         found = leading(
             self.result.diagnoses,
-            self.tried,
+            self._history,
             fits=self._fits(self.result.diagnoses),
             switchable=frozenset(filter(self.model.switchable, self.model.hardware)),
             now_ns=self.now_ns,
@@ -75,7 +112,7 @@ class Situation:
             order = [onset_fit(self.model, self.cnf, self.loops, self.onsets, bad) for bad in blamed]
             fits = [fit * factor for fit, factor in zip(fits, order, strict=True)]
         # A device that was off leaves its driver with a dead connection: that takes no second fault.
-        ended = self.surely_broken & self.model.nodes.keys()
+        ended = (self.surely_broken & self.model.nodes.keys()) | self._interrupted[1]
         if not ended:
             return fits
         known = unbroken_fits(blamed, ended, self.cnf.priors, self.patience)
@@ -89,17 +126,100 @@ class Situation:
         """Return the plan, or one without steps where what it leaves broken explains all that is observed."""
         return helpful(plan, diagnosis, self.result.diagnoses, self.model)
 
+    def _candidate(self, diagnosis: Diagnosis, plan: Plan) -> Candidate:
+        """Return a diagnosis and its plan, with what the model and the symptoms say of them."""
+        kinds = {name: self._kinds(name) for name in diagnosis.bad}
+        along = carried(plan, self.model)
+        cut = [name for name in diagnosis.bad if name in along | cycled(plan)]
+        yes = self._without_cut(cut) if any(kinds[name] and kinds[name] <= UNPOWERED for name in cut) else ""
+        elsewhere = self._symptoms_of(name for name, its in kinds.items() if its and its <= OTHERS)
+        topics = ", ".join(sorted({name for atom in elsewhere for name in atom.args}))
+        warned = bool(kinds) and all(its == {Symptom.SELF_REPORT} for its in kinds.values())
+        return Candidate(
+            diagnosis,
+            plan,
+            self._works(diagnosis),
+            along,
+            self._darkened(plan, diagnosis.bad),
+            OVER_GOOD_DATA if warned else 1.0,
+            f"a second publisher: look who publishes {topics}" if topics else "",
+            any(step.name in self.asking for step in plan.steps),
+            yes,
+        )
+
+    @property
+    def second_published(self) -> frozenset[str]:
+        """The suspects to be left alone, as what is wrong with their topics is a second publisher."""
+        suspects = {name for one in self.result.diagnoses for name in one.bad}
+        kinds = {name: self._kinds(name) for name in suspects}
+        return frozenset(name for name, its in kinds.items() if its and its <= OTHERS)
+
+    @property
+    def lingering(self) -> frozenset[str]:
+        """The nodes that do not run by what is observed, and of which nobody says that they have ended."""
+        said = {a: s for a, s in self.symptoms.items() if a.predicate == Node.state and len(a.args) == 1}
+        return frozenset(atom.args[0] for atom, symptom in said.items() if symptom is not Symptom.ENDED)
+
+    def _without_cut(self, names: Iterable[str]) -> str:
+        """Return why a person is asked before these lose their power."""
+        found = self._symptoms_of(names)
+        shown = sorted(f"{atom} ({self.symptoms[atom]})" for atom in found if atom in self.symptoms)
+        return f"power is not cut for {', '.join(shown)} without a person's yes"
+
+    def _symptoms_of(self, bad: Iterable[str]) -> list[Atom]:
+        """Return what is not as it should be of what these put out, or else of all that rests on them."""
+        names = tuple(bad)
+        if not names or not self.symptoms:
+            return []
+        fallen = [literal.atom for literal in self.observed if not literal.positive]
+        own = put_out(self.model, names)
+        if found := [atom for atom in fallen if own.intersection(atom.args)]:
+            return found
+        if self.cnf is None:
+            return []
+        return sorted(influenced(self.model, theory_of(self.cnf), names, fallen))
+
+    def _kinds(self, name: str) -> frozenset[Symptom | None]:
+        """Return in which ways what a component puts out is bad; None: nobody says, as of what is silent.
+
+        A self-report counts as one where data are seen to be good.
+        """
+        kinds = frozenset(self.symptoms.get(atom) for atom in self._symptoms_of([name]))
+        if Symptom.SELF_REPORT not in kinds:
+            return kinds
+        topics = published(self.model, [name])
+        said = (literal.atom for literal in self.observed if literal.positive)
+        if any(atom.predicate == "ok" and topics.issuperset(atom.args) for atom in said):
+            return kinds
+        return kinds - {Symptom.SELF_REPORT} | {None}
+
+    def _darkened(self, plan: Plan, bad: Collection[str]) -> frozenset[str]:
+        """Return what loses its power by a plan, and is not seen to be broken."""
+        cut = power_cuts(plan)
+        if not cut:
+            return frozenset()
+        fallen = {literal.atom for literal in self.observed if not literal.positive}
+        driven = {device for node in self.model.nodes.values() for device in node.drives}
+        dark = {name for name in driven - cut if not cut.isdisjoint(self.model.feeders(name))}
+        mute = {
+            device
+            for node in self.model.nodes.values()
+            if any(Atom("ok", (topic,)) in fallen for topic in node.publishes)
+            for device in node.drives
+        }
+        return frozenset(name for name in dark - mute - set(bad) if Atom("on", (name,)) not in fallen)
+
     def decide(self, plans: Sequence[Plan]) -> Choice:
         """Return the choice, given a plan for each of `wanted`."""
         diagnoses = self.leading
         pairs = [
-            Candidate(one, self.helpful(plan, one), self._works(one))
+            self._candidate(one, self.helpful(plan, one))
             for one, plan in zip(self.wanted, plans, strict=True)
         ]
         candidates, shared = pairs[: len(diagnoses)], pairs[len(diagnoses) :]
         choice = choose(
             candidates,
-            self.tried,
+            self._history,
             looks(self.probes, candidates),
             common=shared[0] if shared else None,
             fits=self._fits(diagnoses),

@@ -12,9 +12,13 @@ and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in 
     common part             components that every leading diagnosis blames are repaired first, by
                             themselves, if what is saved when the first full repair is wrong exceeds the
                             cost of one more look
+    worth                   only what costs less in the mean than to ask a person at once is done, be it a
+                            restart or a cut of power; what helps every other time is done in any case
     power                   is not cut on a tie that a cheaper act would break: while another diagnosis, as
                             probable, can be repaired with less of it and was not tried, that comes first;
-                            nor for what soon came back after each of the last two repairs (quarantine.py)
+                            nor for what soon came back after each of the last two repairs (quarantine.py).
+                            A cut that darkens what works costs as much more as to cycle that, and whatever
+                            is worth doing and darkens less comes first
     probe                   if looking first makes the expected cost, the look included, smaller
     quarantine              a component whose repairs keep failing is left alone for a time: quarantine.py
 
@@ -32,7 +36,7 @@ from dataclasses import dataclass, field, replace
 from operator import mul
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.cures import cured
+from robomend.planning.cures import cured, cycled, power_cuts
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.quarantine import Quarantined
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
@@ -56,6 +60,12 @@ class Candidate:
     diagnosis: Diagnosis
     plan: Plan
     works: frozenset[str] = frozenset()  # what it blames and of which something is seen to work
+    carried: frozenset[str] = frozenset()  # what loses its power with what the plan cycles, and has it again
+    darkens: frozenset[str] = frozenset()  # what works, and loses its power by the plan
+    remedy: float = 1.0  # P(to act on it is a remedy for such symptoms, if it is what is wrong)
+    elsewhere: str = ""  # what is probably wrong instead, by its symptoms, and where to look
+    asks: bool = False  # the policy has a person say yes to the plan
+    yes: str = ""  # why a person has to, whatever the policy says
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +79,9 @@ class Alternative:
     score: float  # helps per cost
     failures: int  # times that this was repaired, alone or with something else, and not cured
     reason: str
-    spared: bool = False  # it is not done as it would cut power
+    spared: bool = False  # it is not done: it is not worth it, or it would cut power
+    darkens: frozenset[str] = frozenset()  # what works, and loses its power by the plan
+    yes: str = ""  # why a person has to say yes to it, whatever the policy says
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +95,8 @@ class Choice:
     expected_cost: float  # of repairing in this order until it helps
     reason: str
     certain: frozenset[str] = frozenset()  # what every diagnosis blames
+    beyond: str = ""  # what is probably wrong and no act mends, as a sentence: the reason begins with it
+    yes: str = ""  # why a person has to say yes to the plan, whatever the policy says
     unlasting: bool = False  # nothing is done, as repairs of what is suspected do not last
     came_back: Mapping[str, Quarantined] = field(default_factory=dict)  # left alone for that from now on
 
@@ -123,89 +137,109 @@ def choose(
     chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     recent = [one for one in tried if one.time_ns >= oldest]
+    again = [_again(one, recent, patience) for one in candidates]
+    shares = [
+        [factor * share for share in _shares(one, candidates)]
+        for one, factor in zip(candidates, again, strict=True)
+    ]
     weighed = [
-        _weigh(one, chance, candidates, chances, recent, patience)
-        for one, chance in zip(candidates, chances, strict=True)
+        _weigh(one, chance, sum(map(mul, row, chances)), len(candidates), recent, patience)
+        for one, chance, row in zip(candidates, chances, shares, strict=True)
+    ]
+    worth = _worth(candidates, shares, chances, patience)
+    weighed = [
+        one if index in worth or one.helps >= SURE else _spared(one, NOT_WORTH)
+        for index, one in enumerate(weighed)
     ]
     if relapses >= patience.relapses - 1:
-        weighed = [_spared(one, "power is not cut again for what soon comes back") for one in weighed]
-    elif not _cutting_pays(candidates, chances, patience):
-        weighed = [one if one.helps >= SURE else _spared(one) for one in weighed]
+        why = "power is not cut again for what soon comes back"
+        weighed = [_spared(one, why) if power_cuts(one.plan) else one for one in weighed]
+    beyond = _beyond(candidates, weighed, shares)
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
-    cost = _expected_cost(candidates, chances, patience)
+    cost = _expected_cost(candidates, shares, chances, patience)
     if best is None:
-        return Choice(None, None, None, tuple(ranked), cost, _nothing(candidates, ranked))
-    probe, probe_cost = _best_look(candidates, chances, looks, patience)
+        reason = _first(beyond, _nothing(candidates, ranked))
+        return Choice(None, None, None, tuple(ranked), cost, reason, beyond=beyond)
+    probe, probe_cost = _best_look(candidates, shares, chances, looks, patience)
     if probe is not None and probe_cost < cost:
         reason = f"looking at {probe.atom} first: expected cost {probe_cost:.3g} instead of {cost:.3g}"
-        return Choice(best.diagnosis, best.plan, probe, tuple(ranked), probe_cost, reason)
+        return Choice(best.diagnosis, best.plan, probe, tuple(ranked), probe_cost, reason, yes=best.yes)
     if common is not None and common.plan.outcome is Outcome.SOLVED and common.plan.steps:
         saving = (1 - best.helps) * (best.plan.cost - common.plan.cost)
         if saving > patience.look_cost:
             names = ", ".join(common.diagnosis.bad)
             reason = f"every leading diagnosis blames {names}: repaired first, then looked at again"
-            return Choice(common.diagnosis, common.plan, None, tuple(ranked), cost - saving, reason)
-    return Choice(best.diagnosis, best.plan, None, tuple(ranked), cost, best.reason)
-
-
-def power_cuts(plan: Plan) -> frozenset[str]:
-    """Return the devices that the plan takes power from."""
-    return frozenset(
-        effect.atom.args[0]
-        for step in plan.steps
-        for effect in step.effects
-        if effect.positive and effect.atom.predicate == "off" and effect.atom.args
-    )
+            return Choice(
+                common.diagnosis, common.plan, None, tuple(ranked), cost - saving, reason, yes=common.yes
+            )
+    reason = _first(beyond, best.reason)
+    return Choice(best.diagnosis, best.plan, None, tuple(ranked), cost, reason, beyond=beyond, yes=best.yes)
 
 
 # --- weighing -------------------------------------------------------------------------------------
 
 
-def _helps(
-    plan: Plan, own: Diagnosis | None, candidates: Sequence[Candidate], chances: Sequence[float]
-) -> float:
-    """Return the probability that a plan helps; a plan for part of its own diagnosis counts in part."""
-    repaired = repaired_by(plan)
-    total = 0.0
-    for one, chance in zip(candidates, chances, strict=True):
-        bad = frozenset(one.diagnosis.bad)
-        if bad <= repaired:
-            total += chance * cured(plan, bad, one.works)
-        elif one.diagnosis is own and bad & repaired:
-            total += chance * cured(plan, bad & repaired, one.works) * len(bad & repaired) / len(bad)
-    return total
+def _shares(one: Candidate, candidates: Sequence[Candidate]) -> list[float]:
+    """Return how probably a plan helps if it is this diagnosis, for each; part of its own counts in part."""
+    if not one.plan.steps:
+        return [0.0] * len(candidates)
+    repaired = repaired_by(one.plan) | one.carried
+    found = []
+    for other in candidates:
+        bad = frozenset(other.diagnosis.bad)
+        mended = bad & repaired if bad <= repaired or other is one else frozenset[str]()
+        cure = other.remedy * cured(one.plan, mended, other.works, one.carried)
+        found.append(cure * len(mended) / len(bad) if mended else 0.0)
+    return found
+
+
+def _again(one: Candidate, tried: Sequence[Attempt], patience: Patience) -> float:
+    """Return what is left of a plan's probability to help, as the same was done before in vain.
+
+    Even if the diagnosis is right: a process may come up well once more, a device hardly does.
+    """
+    bad, plan = frozenset(one.diagnosis.bad), one.plan
+    # What is started after it had ended, and what is restarted, should become good by the same act.
+    cures = {str(step) for step in plan.steps if any(map(_makes_good, step.effects))}
+    by_cycle = bad <= cycled(plan) | one.carried
+    in_vain = sum(
+        attempt.effect_seen
+        and ((bad <= attempt.bad and cures <= set(attempt.actions)) or (by_cycle and bad <= attempt.cycled))
+        for attempt in tried
+        if not attempt.helped
+    )
+    if not in_vain:
+        return 1.0
+    seldom = one.remedy < 1 or power_cuts(plan)
+    second = patience.seen_factor if seldom else patience.again_factor
+    return second * patience.seen_factor ** (in_vain - 1)
+
+
+def _effort(one: Candidate, patience: Patience) -> float:
+    """Return what a plan costs, with what it darkens; a free one next to nothing."""
+    return max(one.plan.cost + patience.dark_cost * len(one.darkens), 1e-6)
 
 
 def _weigh(
-    one: Candidate,
-    chance: float,
-    candidates: Sequence[Candidate],
-    chances: Sequence[float],
-    tried: Sequence[Attempt],
-    patience: Patience,
+    one: Candidate, chance: float, helps: float, rivals: int, tried: Sequence[Attempt], patience: Patience
 ) -> Alternative:
     bad = frozenset(one.diagnosis.bad)
     plan = one.plan
-    helps = _helps(plan, one.diagnosis, candidates, chances) if plan.steps else 0.0
     # Also what was repaired together with something else: done again alone, it is the same.
     failures = [attempt for attempt in tried if bad <= attempt.bad and not attempt.helped]
-    # What is started after it had ended, and what is restarted, should become good by the same act.
-    cures = {str(step) for step in plan.steps if any(map(_makes_good, step.effects))}
-    in_vain = sum(attempt.effect_seen and cures <= set(attempt.actions) for attempt in failures)
-    if in_vain:  # even if the diagnosis is right: a process may come up well once more, a device hardly does
-        second = patience.seen_factor if power_cuts(plan) else patience.again_factor
-        helps *= second * patience.seen_factor ** (in_vain - 1)
-    # A plan of free actions is as good as one that costs next to nothing.
-    pays = not in_vain or helps * patience.person_cost > plan.cost
-    score = helps / max(plan.cost, 1e-6) if pays else 0.0
+    score = helps / _effort(one, patience)
     names = ", ".join(one.diagnosis.bad) or "nothing"
     if plan.outcome is Outcome.GAVE_UP:
         reason = f"{names}: no plan was found in time"
     elif not plan.steps:
         reason = "; ".join(plan.unreachable) or f"{names}: nothing to do"
     else:
-        reason = f"{names}: {_how_probably(helps, candidates)} at cost {plan.cost:g}"
+        reason = f"{names}: {_how_probably(helps, rivals)} at cost {plan.cost:g}"
+        if one.darkens:
+            reason += f"; it cuts the power of what works: {', '.join(sorted(one.darkens))}"
+        if one.yes:
+            reason += f"; {one.yes}"
         if plan.unreachable:
             reason += f"; not all of it: {'; '.join(plan.unreachable)}"
     vain = [attempt for attempt in failures if attempt.lasted]
@@ -215,7 +249,8 @@ def _weigh(
     if len(vain) < len(failures):
         short = [attempt for attempt in failures if not attempt.lasted]
         reason += f"; repaired {_times(short)} before, and soon it was broken again"
-    return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
+    told = (chance, helps, score, len(failures), reason)
+    return Alternative(one.diagnosis, plan, *told, darkens=one.darkens, yes=one.yes)
 
 
 def _makes_good(effect: Literal) -> bool:
@@ -226,11 +261,11 @@ def _times(attempts: Sequence[Attempt]) -> str:
     return "once" if len(attempts) == 1 else f"{len(attempts)} times"
 
 
-def _how_probably(helps: float, candidates: Sequence[Candidate]) -> str:
+def _how_probably(helps: float, rivals: int) -> str:
     """Say how probably a plan helps. What nobody doubts rests on the model: that is said instead of "1"."""
     if helps < CERTAIN:
         return f"helps with probability {helps:.2g}"
-    if len(candidates) == 1:
+    if rivals == 1:
         return "the only cause that the model knows for this; to be repaired"
     return "helps whichever of the suspected causes it is,"
 
@@ -242,26 +277,57 @@ SURE = 0.5
 """What helps as probably as this is done, whatever it costs: a person would try it, too."""
 
 
-def _cutting_pays(candidates: Sequence[Candidate], chances: Sequence[float], patience: Patience) -> bool:
-    """Return whether to go on with plans that cut power costs less in the mean than to call a person
-    when the others have failed.
-    """
-    spare = [one for one in candidates if not power_cuts(one.plan)]
-    if len(spare) == len(candidates):
-        return True
-    least = min(_costs(candidates, chances, patience, candidates))
-    return least < min(_costs(candidates, chances, patience, spare)) - LEAST_GAIN
+NOT_WORTH = "of less use than to ask a person"
 
+PROBABLY = 2 / 3
+"""What is twice as probable as all else together, and no act mends it, is told before anything is done."""
 
 LEAST_GAIN = 1e-6
 """Costs that differ by less are equal."""
 
 
-def _spared(one: Alternative, why: str = "too little to cut power for") -> Alternative:
-    """Return the alternative, not to be done if it cuts power."""
-    if one.score <= 0 or not power_cuts(one.plan):
-        return one
-    return replace(one, score=0.0, reason=f"{one.reason}; {why}", spared=True)
+def _worth(
+    candidates: Sequence[Candidate],
+    shares: Sequence[Sequence[float]],
+    chances: Sequence[float],
+    patience: Patience,
+) -> frozenset[int]:
+    """Return the plans that are worth doing, as indices: to carry them out, best first, and to ask a person
+    when they have failed costs less in the mean than to ask at once, or after fewer of them.
+    """
+    order, costs = _costs(candidates, shares, chances, patience)
+    least = min(costs)
+    return frozenset(order[: next(n for n, cost in enumerate(costs) if cost < least + LEAST_GAIN)])
+
+
+def _spared(one: Alternative, why: str) -> Alternative:
+    """Return the alternative, not to be done."""
+    return replace(one, score=0.0, reason=f"{one.reason}; {why}", spared=True) if one.score > 0 else one
+
+
+def _beyond(
+    candidates: Sequence[Candidate], weighed: Sequence[Alternative], shares: Sequence[Sequence[float]]
+) -> str:
+    """Return what is probably wrong and no act mends, as a sentence; nothing where that is not clear."""
+    elsewhere = dict.fromkeys(one.elsewhere for one in candidates if one.elsewhere)
+    suspected = sum(one.weight for one, of in zip(weighed, candidates, strict=True) if of.elsewhere)
+    if suspected >= PROBABLY:
+        return f"probably {'; '.join(elsewhere)}; a person is needed"
+    most = max(range(len(weighed)), key=lambda index: weighed[index].weight, default=None)
+    if most is None or len(weighed) == 1 or weighed[most].weight < PROBABLY:
+        return ""
+    if any(one.score > 0 and row[most] >= MENDS for one, row in zip(weighed, shares, strict=True)):
+        return ""
+    bad = weighed[most].diagnosis.bad
+    return f"probably {' and '.join(bad)} {'itself' if len(bad) == 1 else 'themselves'}: a person is needed"
+
+
+MENDS = 0.1
+"""A plan that cures what is wrong less often does not mend it, as far as a person is concerned."""
+
+
+def _first(beyond: str, reason: str) -> str:
+    return f"{beyond}; {reason}" if beyond else reason
 
 
 TIED = 0.5
@@ -269,17 +335,18 @@ TIED = 0.5
 
 
 def _cutting_less(best: Alternative | None, ranked: Sequence[Alternative]) -> Alternative | None:
-    """Return the best one, or one tied with it that cuts less power, costs less and was not tried yet."""
+    """Return the best one, or one that cuts less power and costs less: one tied with it that was not tried
+    yet, or any that darkens less of what works.
+    """
     while best is not None:
-        cut, weight, cost = power_cuts(best.plan), best.weight, best.plan.cost
+        cut, weight, cost, dark = power_cuts(best.plan), best.weight, best.plan.cost, best.darkens
         less = [
             one
             for one in ranked
             if one.score > 0
-            and not one.failures
-            and one.weight >= TIED * weight
             and one.plan.cost < cost
             and power_cuts(one.plan) < cut
+            and (one.darkens < dark or (not one.failures and one.weight >= TIED * weight))
         ]
         if not less:
             return best
@@ -298,11 +365,15 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
         sentence for one in candidates if not one.plan.steps for sentence in _why_unplanned(one)
     )
     for one in weighed:
-        if one.plan.steps and one.failures and not one.spared:
+        if one.plan.steps and one.failures and not (one.spared and power_cuts(one.plan)):
             sentences[f"{' and '.join(one.diagnosis.bad)} was repaired before, and it did not help"] = None
         elif one.plan.steps:
             sentences[one.reason] = None
-    aside = sorted({name for one in candidates for name in one.plan.excluded if name in one.diagnosis.bad})
+    for of in candidates:
+        if of.elsewhere and not of.plan.steps:
+            sentences[f"to act on {' and '.join(of.diagnosis.bad)} is no remedy for that"] = None
+    mending = (of for of in candidates if not of.elsewhere)
+    aside = sorted({name for of in mending for name in of.plan.excluded if name in of.diagnosis.bad})
     if aside:
         repairs = "its repairs keep" if len(aside) == 1 else "their repairs keep"
         sentences[f"{' and '.join(aside)} left alone for a while, as {repairs} failing or do not last"] = None
@@ -333,48 +404,52 @@ def _why_unplanned(one: Candidate) -> tuple[str, ...]:
     return () if set(one.diagnosis.bad) & set(one.plan.excluded) else (f"nothing to do about {names}",)
 
 
-def _expected_cost(candidates: Sequence[Candidate], chances: Sequence[float], patience: Patience) -> float:
-    """Return the expected cost of repairing, best first, until it helps or a person must come."""
-    return _costs(candidates, chances, patience, candidates)[-1]
+def _expected_cost(
+    candidates: Sequence[Candidate],
+    shares: Sequence[Sequence[float]],
+    chances: Sequence[float],
+    patience: Patience,
+) -> float:
+    """Return the expected cost of repairing, best first, until it helps or a person must come; less what a
+    person's yes to it costs.
+    """
+    return min(_costs(candidates, shares, chances, replace(patience, ask_cost=0.0))[1])
 
 
 def _costs(
     candidates: Sequence[Candidate],
+    shares: Sequence[Sequence[float]],
     chances: Sequence[float],
     patience: Patience,
-    usable: Sequence[Candidate],
-) -> list[float]:
-    """Return the expected cost of repairing by the usable plans, best first, where a person is called after
-    none of them, after one, and so on.
+) -> tuple[list[int], list[float]]:
+    """Return the plans as indices, best first, and the expected cost of repairing by them, where a person is
+    called after none of them, after one, and so on.
     """
     left = list(chances)
-    unused = [one for one in usable if one.plan.steps]
-    shares = {id(one): _shares(one.plan, candidates) for one in unused}
+    unused = [index for index, one in enumerate(candidates) if one.plan.steps]
+    efforts = [_effort(one, patience) + patience.ask_cost * bool(one.asks or one.yes) for one in candidates]
     spent = 0.0
+    order: list[int] = []
     found = [patience.person_cost * sum(left)]
     while unused:
-        gains = [sum(map(mul, shares[id(one)], left)) for one in unused]
-        index = max(range(len(unused)), key=lambda i: gains[i] / max(unused[i].plan.cost, 1e-6))
-        if gains[index] <= 0:
+        gains = {index: sum(map(mul, shares[index], left)) for index in unused}
+        best = max(unused, key=lambda index: gains[index] / efforts[index])
+        if gains[best] <= 0:
             break
-        best = unused.pop(index)
-        spent += best.plan.cost * sum(left)
-        left = [chance * (1 - share) for chance, share in zip(left, shares[id(best)], strict=True)]
+        unused.remove(best)
+        order.append(best)
+        spent += efforts[best] * sum(left)
+        left = [chance * (1 - share) for chance, share in zip(left, shares[best], strict=True)]
         found.append(spent + patience.person_cost * sum(left))
-    return found
-
-
-def _shares(plan: Plan, candidates: Sequence[Candidate]) -> list[float]:
-    """Return how probably the plan helps if it is this diagnosis, for each."""
-    repaired = repaired_by(plan)
-    return [
-        cured(plan, one.diagnosis.bad, one.works) if repaired.issuperset(one.diagnosis.bad) else 0.0
-        for one in candidates
-    ]
+    return order, found
 
 
 def _best_look(
-    candidates: Sequence[Candidate], chances: Sequence[float], looks: Sequence[Look], patience: Patience
+    candidates: Sequence[Candidate],
+    shares: Sequence[Sequence[float]],
+    chances: Sequence[float],
+    looks: Sequence[Look],
+    patience: Patience,
 ) -> tuple[Look | None, float]:
     """Return the look after which repairing is expected to be cheapest, and that cost with the look's own."""
     best: Look | None = None
@@ -386,7 +461,7 @@ def _best_look(
                 chance * (0.5 if predicted is None else float(predicted == value))
                 for chance, predicted in zip(chances, look.predicted, strict=True)
             ]
-            total += _expected_cost(candidates, split, patience)
+            total += _expected_cost(candidates, shares, split, patience)
         if total < least:
             best, least = look, total
     return best, least

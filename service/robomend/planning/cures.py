@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping
 from enum import StrEnum
 
+from robomend.model.components import ComponentModel
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.policy import DARK
 
@@ -41,23 +42,48 @@ Avoided = tuple[tuple[str, str], ...]
 """Ground actions as text that must not be used, each with the reason."""
 
 
-def cured(plan: Plan, bad: Collection[str], works: Collection[str] = ()) -> float:
+def cured(
+    plan: Plan, bad: Collection[str], works: Collection[str] = (), carried: Collection[str] = ()
+) -> float:
     """Return the probability that the plan cures these, if they are what is wrong and it repairs them.
 
     Args:
         works: those of them of which something is seen to work.
+        carried: what is cycled with what the plan cycles.
     """
+    cycles = [names.intersection(bad) for _, names in _power_cycles(plan)]
+    if not any(cycles):
+        cycles = [frozenset(carried).intersection(bad)]
     probability = CURES[Cure.OTHER]
-    for _, names in _power_cycles(plan):
-        if cycled_here := names.intersection(bad):
-            hangs = not cycled_here.issubset(works)
-            probability *= CURES[Cure.POWER_CYCLE if hangs else Cure.CYCLE_OF_WORKING]
+    for names in filter(None, cycles):
+        hangs = not names.issubset(works)
+        probability *= CURES[Cure.POWER_CYCLE if hangs else Cure.CYCLE_OF_WORKING]
     return probability
 
 
 def cycled(plan: Plan) -> frozenset[str]:
     """Return the components that the plan cures by a power cycle, if at all."""
     return frozenset[str]().union(*(names for _, names in _power_cycles(plan)))
+
+
+def carried(plan: Plan, model: ComponentModel) -> frozenset[str]:
+    """Return what loses its power with a device that the plan cycles and has it again, as its own relay stays
+    where it is: it is cycled, too.
+    """
+    names = cycled(plan)
+    own = power_cuts(plan) | {fact.args[0] for fact in plan.initial if fact.predicate == "off"}
+    fed = (name for name in model.hardware if not names.isdisjoint(model.feeders(name)))
+    return frozenset(name for name in fed if name not in own and name not in names)
+
+
+def power_cuts(plan: Plan) -> frozenset[str]:
+    """Return the devices that the plan takes power from."""
+    return frozenset(
+        effect.atom.args[0]
+        for step in plan.steps
+        for effect in step.effects
+        if effect.positive and effect.atom.predicate == "off" and effect.atom.args
+    )
 
 
 def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan]) -> Plan:

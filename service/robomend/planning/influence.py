@@ -61,6 +61,13 @@ def _hung_on(parts: ComponentModel, acted: Collection[str]) -> set[str]:
     return hardware | _growing(hardware, {name: device.fed_by for name, device in parts.hardware.items()})
 
 
+def put_out(parts: ComponentModel, components: Iterable[str]) -> frozenset[str]:
+    """Return the components, the topics that they or their drivers publish, and the values in those."""
+    names = set(components)
+    topics = published(parts, names)
+    return frozenset(names | topics | {name for name, value in parts.values.items() if value.topic in topics})
+
+
 def influenced(
     parts: ComponentModel, theory: Theory, acted_on: Collection[str], known: Iterable[Atom]
 ) -> frozenset[Atom]:

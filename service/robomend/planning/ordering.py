@@ -5,6 +5,9 @@ earlier achieves what the later needs. Any two others can swap, and swapping nei
 interfere changes neither what holds before any action nor the end; every order that keeps these pairs can
 be reached by such swaps, so every one is a plan (the partial order of a Mazurkiewicz trace).
 
+Within that order what is stopped or switched off is so as late as may be: nothing stays away while its
+return waits for something else, which may fail.
+
 Source: C. Bäckström. Computational aspects of reordering plans. JAIR 9, 1998 (deordering).
 """
 
@@ -44,6 +47,41 @@ def partial_order(plan: Sequence[GroundAction]) -> list[tuple[int, ...]]:
         for number in action.effects:
             achieved[number].append(position)
     return direct
+
+
+def late(plan: Sequence[GroundAction], after: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """Return the order with each stop and shutdown put off until all is done that its return waits for."""
+    before = [set(one) for one in after]
+    for position, action in enumerate(plan):
+        back = next((p for p in range(position + 1, len(plan)) if _brings_back(plan[p], action)), None)
+        if back is None or position not in _ancestors(before, back):
+            continue
+        for other in sorted(before[back] - {position}):
+            if position not in _ancestors(before, other):
+                before[position].add(other)
+    for position, direct in enumerate(before):
+        implied = set().union(*(_ancestors(before, other) for other in direct))
+        before[position] = direct - implied
+    return [tuple(sorted(one)) for one in before]
+
+
+def _brings_back(later: GroundAction, earlier: GroundAction) -> bool:
+    """Return whether an action gives a component back what another has taken from it."""
+    return (earlier.name, later.name) in PAIRED and earlier.parameters == later.parameters
+
+
+PAIRED = {("stop_node", "start_node"), ("shutdown", "power_up")}
+
+
+def _ancestors(before: Sequence[set[int]], position: int) -> set[int]:
+    found: set[int] = set()
+    pending = list(before[position])
+    while pending:
+        one = pending.pop()
+        if one not in found:
+            found.add(one)
+            pending += before[one]
+    return found
 
 
 def layered(after: Sequence[tuple[int, ...]], rank: Callable[[int], tuple[int, ...]]) -> list[int]:

@@ -23,7 +23,7 @@ from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
 from robomend.planning.grounding import GroundAction, Grounder
 from robomend.planning.offers import Offers
-from robomend.planning.ordering import layered, partial_order
+from robomend.planning.ordering import late, layered, partial_order
 from robomend.planning.pddl_text import problem_text
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.planners import (
@@ -58,6 +58,7 @@ class PlanOptions:
     avoided: tuple[tuple[str, str], ...] = ()  # ground actions as text that must not be used, and why
     forbidden: tuple[tuple[str, str], ...] = ()  # actions by name that must not be used, and why
     offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
+    lingering: tuple[str, ...] = ()  # nodes that may still be there where they are observed not to run
     pddl: bool = False  # add the PDDL to the plan
 
 
@@ -94,6 +95,7 @@ def plan_for(
         avoided=options.avoided,
         forbidden=options.forbidden,
         offers=options.offers,
+        lingering=options.lingering,
     )
     plan = plan_problem(domain, problem, options, work)
     return replace(plan, elapsed_s=time.perf_counter() - started)
@@ -390,7 +392,7 @@ class _GaveUp(Exception):
 def _steps(grounder: Grounder, plan: Sequence[GroundAction]) -> tuple[Step, ...]:
     """Return the actions as steps of a partial order, devices before processes where the order is free."""
     objects = {name: index for index, name in enumerate(grounder.problem.objects)}
-    after = partial_order(plan)
+    after = late(plan, partial_order(plan))
 
     def rank(position: int) -> tuple[int, ...]:
         parameters = plan[position].parameters

@@ -9,17 +9,18 @@ completed until exactly one of on/off, running/stopped and good/bad holds for ea
     no channel         hardware without one is on
     stopped or off     implies bad: what does not run does not work, whatever the diagnosis blames
     tied to a stopped  implies bad: it holds a connection to a process that is gone, and must restart
+    lingers            stopped, and not known to have ended: it is stopped before it is started
     node that starts   after it, as it must after one that a plan stops
 
 A bad component of unknown state is taken to be on: shutdown and power_up then also mend one that was off,
 while the opposite guess would send a command without effect.
 
-Static facts come from the model: `drives` and `tied` as written; `fed_by` up the whole chain of feeders, so
-that it leads to every channel that the device loses its power with; `hangs_on` of devices without channel:
-the nearest channels up the chain, with which they come back by themselves. `needs(n, m)` holds when
-something that n publishes rests on a topic of m, or n is tied to m. Cycles of topics are normal, so within a
-strongly connected component of `needs` there is no order to keep. Facts of predicates that the domain does
-not declare are left out, so one builder serves every domain.
+Static facts come from the model: `drives` and `tied` as written; `loses` of drivers that do not reconnect;
+`fed_by` up the whole chain of feeders, so that it leads to every channel that the device loses its power
+with; `hangs_on` of devices without channel: the nearest channels up the chain, with which they come back by
+themselves. `needs(n, m)` holds when something that n publishes rests on a topic of m, or n is tied to m.
+Cycles of topics are normal, so within a strongly connected component of `needs` there is no order to keep.
+Facts of predicates that the domain does not declare are left out, so one builder serves every domain.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ def repair_problem(
     avoided: Iterable[tuple[str, str]] = (),
     forbidden: Iterable[tuple[str, str]] = (),
     offers: Offers | None = None,
+    lingering: Collection[str] = (),
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
 
@@ -86,6 +88,7 @@ def repair_problem(
         avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
         forbidden: the same of actions by their names, on whatever.
         offers: what the robot's agents say they can do; None: nobody knows.
+        lingering: nodes that may still be there where they are observed not to run.
 
     Raises:
         UnknownComponent: a name above is no component of the model.
@@ -131,9 +134,13 @@ def repair_problem(
     for name, node in model.nodes.items():
         runs = active("running", name, node.restartable)
         facts.update([("running", name)] if runs else [("stopped", name), ("not_running", name)])
+        if not runs and name in lingering:
+            facts.add(("lingers", name))
         if node.restartable:
             facts.add(("restartable", name))
         facts.update(("drives", name, device) for device in node.drives)
+        if not node.reconnects:
+            facts.update(("loses", name, device) for device in node.drives)
         facts.update(("tied", name, other) for other in node.tied_to)
         facts.add(("good" if runs and name not in blamed | cut_off else "bad", name))
     facts.update(("needs", node, other) for node, other in needs)
@@ -195,7 +202,9 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
 def _dragged_along(model: ComponentModel, bad: frozenset[str]) -> frozenset[str]:
     """Return the nodes that must be restarted when bad devices are repaired, less those that are bad."""
     cut = {name for name in model.hardware if name in bad or not bad.isdisjoint(model.feeders(name))}
-    found = {name for name, node in model.nodes.items() if not cut.isdisjoint(node.drives)}
+    found = {
+        name for name, node in model.nodes.items() if not node.reconnects and cut.intersection(node.drives)
+    }
     while more := {name for name, node in model.nodes.items() if not found.isdisjoint(node.tied_to)} - found:
         found |= more
     return frozenset(found) - bad

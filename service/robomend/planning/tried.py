@@ -7,6 +7,8 @@ weight of a diagnosis   its posterior, or without priors one factor a component 
                         and by a half where a power cycle was the cure: a device that is broken is not
                         cured by one; what helped, and not for long, did not cure it either, and says as
                         much as a repair whose effect was not seen
+interruption            power that was seen to go and come back by itself was a cycle of what hangs on it,
+                        in vain for what is mute since: the connections of its drivers are dead
 surely broken           a node that an earlier round of the repair knew to be broken, and did not cure: to
                         blame something else instead takes one fault more, at its odds
 """
@@ -20,10 +22,15 @@ from math import exp, log
 from operator import or_
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.cures import CURES, Cure, cycled
+from robomend.model.components import ComponentModel
+from robomend.planning.cures import CURES, Cure, carried, cycled
 from robomend.planning.plan import Plan
+from robomend_client.literals import Atom
 
 S_TO_NS = 1_000_000_000
+
+OURS_NS = 5 * S_TO_NS
+"""So long before its first act or after its end, an attempt may have been seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,8 @@ class Patience:
     memory_s: float = 3600.0  # how long an attempt lowers its diagnosis
     look_cost: float = 2.0  # of one more round of repair and diagnosis
     person_cost: float = 300.0  # when every repair failed and somebody must come
+    ask_cost: float = 30.0  # of a person's yes to a plan, where one is asked for
+    dark_cost: float = 25.0  # of a device that works and loses its power: as much as to cycle it
     attempts: int = 3  # failures in a row until quarantine
     relapses: int = 3  # the same for repairs that helped, and not for long; one less where power is cut
     relapse_s: float = 30.0  # what needs a repair again so soon was not mended by the last one
@@ -73,20 +82,64 @@ def attempt(
     effect_seen: bool,
     helped: bool,
     began_ns: int = 0,
+    model: ComponentModel | None = None,
 ) -> Attempt:
-    """Return the memory of a repair; `done` are the indices of the steps that were carried out, None: all."""
+    """Return the memory of a repair.
+
+    Args:
+        done: the indices of the steps that were carried out; None: all.
+        model: says what hangs on a supply, and was cycled with it.
+    """
     steps = tuple(step for step in plan.steps if done is None or step.index in done)
     carried_out = replace(plan, steps=steps)
+    along = frozenset[str]() if model is None else carried(carried_out, model)
     return Attempt(
         frozenset(diagnosis.bad),
-        repaired_by(carried_out),
+        repaired_by(carried_out) | along,
         time_ns,
         effect_seen,
         helped,
         tuple(map(str, steps)),
-        cycled(carried_out),
+        cycled(carried_out) | along,
         began_ns,
     )
+
+
+def interruptions(
+    model: ComponentModel, back: Mapping[str, int], onsets: Mapping[Atom, int], tried: Sequence[Attempt]
+) -> tuple[list[Attempt], frozenset[str]]:
+    """Return what was seen to lose its power for a moment, as attempts: it was cycled, and that did not help;
+    and the drivers whose connections that has cut.
+
+    Args:
+        back: device -> when its power was seen to come back.
+        onsets: of what is not ok, its last good sample: what was well after that was not cycled in vain.
+        tried: what was done; a power cycle of ours is among it.
+    """
+    found: list[Attempt] = []
+    dropped: set[str] = set()
+    for device, back_ns in sorted(back.items()):
+        ours = (one for one in tried if device in one.repaired)
+        if any((one.began_ns or one.time_ns) - OURS_NS <= back_ns <= one.time_ns + OURS_NS for one in ours):
+            continue
+        fed = {device, *(name for name in model.hardware if device in model.feeders(name))}
+        mute = {
+            name: node
+            for name, node in model.nodes.items()
+            if any(onsets.get(Atom("ok", (topic,)), back_ns + 1) <= back_ns for topic in node.publishes)
+        }
+        cycled = {name for node in mute.values() for name in node.drives if name in fed}
+        if not cycled:
+            continue
+        names = frozenset(cycled | {device})
+        found.append(Attempt(frozenset(), names, back_ns, effect_seen=True, helped=False, cycled=names))
+        since = frozenset[str]().union(*(one.repaired for one in tried if one.time_ns > back_ns))
+        dropped |= {
+            name
+            for name, node in mute.items()
+            if not node.reconnects and not fed.isdisjoint(node.drives) and name not in since
+        }
+    return found, frozenset(dropped)
 
 
 def repaired_by(plan: Plan) -> frozenset[str]:

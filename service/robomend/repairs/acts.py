@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from robomend.planning.plan import Step
 from robomend.planning.policy import TAKES_AWAY
-from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepReport, Withheld
+from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepReport, Withheld, found_running
 from robomend.repairs.left_off import given_by, still, taken_by
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.repeating import Repeats
+from robomend.repairs.states import StepState
 from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend.store import Store, repairs
@@ -33,8 +34,11 @@ LOOK_S = 0.25
 class Acts:
     """See the module."""
 
-    def __init__(self, state: Robot, record: RepairRecord, repeats: Repeats) -> None:
+    def __init__(
+        self, state: Robot, record: RepairRecord, repeats: Repeats, lingering: Iterable[str] = ()
+    ) -> None:
         self.attempts: Counter[str] = Counter()  # actions by component in the last hour
+        self.lingering = frozenset(lingering)  # nodes that a start found there, and that do not work
         self.settled = 0  # the revision of OBS when the last action had answered
         # what an answered act influences, for the agents that observe it
         self.influences: Callable[[Action, ActionResult, StepReport], Json | None] = _nothing
@@ -46,8 +50,11 @@ class Acts:
     @classmethod
     async def of(cls, store: Store, state: Robot, record: RepairRecord) -> Acts:
         """Return those of a repair, with what is on disk of it after a crash."""
-        steps = await store.read(repairs.steps, record.id)
-        return cls(state, record, Repeats(step.data for step in steps))
+        steps = [step.data for step in await store.read(repairs.steps, record.id)]
+        acts = cls(state, record, Repeats(steps))
+        for step in steps:
+            acts._found(step["name"], step["parameters"], step["state"], step["message"])
+        return acts
 
     # --- what may be planned and sent
 
@@ -58,6 +65,20 @@ class Acts:
     def in_vain(self, texts: Collection[str]) -> None:
         """Note acts that did not help, and that the same again would not help either."""
         self._repeats.in_vain(texts)
+
+    def found_there(self, reports: Iterable[StepReport]) -> frozenset[str]:
+        """Note how the steps of a round ended; return the nodes that a start found there, in vain."""
+        before = self.lingering
+        for report in reports:
+            message = "" if report.result is None else report.result.message
+            self._found(report.step.name, report.step.parameters, report.state, message)
+        return self.lingering - before
+
+    def _found(self, name: str, parameters: Iterable[str], state: str, message: str) -> None:
+        if state == StepState.FAILED and found_running(name, message):
+            self.lingering = self.lingering.union(parameters)
+        elif state == StepState.DONE and name == "stop_node":
+            self.lingering = self.lingering.difference(parameters)
 
     def again(self, step: Step) -> str | None:
         """Return why an act that failed is not sent once more, or None."""

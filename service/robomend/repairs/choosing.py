@@ -28,7 +28,7 @@ from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
-from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Mode, Policy
 from robomend.planning.tried import Patience
 from robomend.repairs.flapping import lasting
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
@@ -144,6 +144,7 @@ class Chooser:
         avoided: tuple[tuple[str, str], ...] = (),
         left_off: LeftOff = NOTHING,
         since_ns: int = 0,
+        lingering: Collection[str] = (),
     ) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
@@ -157,6 +158,7 @@ class Chooser:
                     avoided=avoided,
                     left_off=left_off,
                     since_ns=since_ns,
+                    lingering=lingering,
                 )
             except Overloaded:
                 if time.monotonic() >= deadline:
@@ -172,6 +174,7 @@ class Chooser:
         looks: bool,
         avoided: tuple[tuple[str, str], ...] = (),
         left_off: LeftOff = NOTHING,
+        lingering: Collection[str] = (),
         planner: str | None = None,
         timeout_s: float = PLAN_TIMEOUT_S,
         pddl: bool = False,
@@ -185,6 +188,7 @@ class Chooser:
             looks: whether somebody can be asked to look first.
             avoided: actions as text that must not be used, each with the reason.
             left_off: what a repair switched off or stopped, to be brought back, in quarantine or not.
+            lingering: nodes that an act found there although they are observed not to run.
             permitted: whether only what the policy allows comes into question.
             literals: what is observed; by default what is known now and confirmed.
             since_ns: what was tried before that says nothing any more.
@@ -195,6 +199,12 @@ class Chooser:
         """
         parts = self._parts(state)
         memory = await self.remembered(state, result, since_ns)
+        policy = self.policy(state)
+        names = await self.actions(state)
+        learned = memory.reconnecting & parts.nodes.keys()
+        if learned:
+            nodes = {n: replace(node, reconnects=True) for n, node in parts.nodes.items() if n in learned}
+            parts = replace(parts, nodes={**parts.nodes, **nodes})
         situation = Situation(
             parts,
             (*(state.sight.vouched() if literals is None else literals), *unknown(state, left_off)),
@@ -207,19 +217,23 @@ class Chooser:
             onsets=state.sight.onsets(),
             surely_broken=memory.surely_broken,
             relapses=len(memory.relapses),
+            symptoms=state.sight.kinds(),
+            power_back=state.sight.power_back,
+            asking=frozenset(n for n in names if policy.actions.get(n, policy.mode) is Mode.APPROVE),
         )
-        policy = self.policy(state)
-        names = await self.actions(state)
         options = PlanOptions(
             planner=planner or state.config.planner,
             timeout_s=timeout_s,
             domain=state.config.domain,
             expected_stopped=state.config.expected_stopped,
             quarantined=tuple(
-                name for name in memory.quarantined if name in parts.components and name not in left_off
+                name
+                for name in dict.fromkeys((*memory.quarantined, *sorted(situation.second_published)))
+                if name in parts.components and name not in left_off
             ),
             protected=protected_of(state.config, parts),
             avoided=avoided,
+            lingering=tuple(sorted({*lingering, *situation.lingering})),
             offers=await offers_if_all(state, parts, names, self._store),
             pddl=pddl,
         )

@@ -143,7 +143,9 @@ def conclusion(last: Turn, signals: Signals, written: Json, state: Robot) -> tup
             return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case TurnOutcome.NOTHING_TO_TRY:
             assert last.choice is not None
-            return RepairTrigger.NEEDS_PERSON, f"{_tried(rounds)}{last.choice.reason}"
+            beyond, why = last.choice.beyond, last.choice.reason
+            first = f"{beyond}; " if beyond else ""  # what no act mends is said before what was tried
+            return RepairTrigger.NEEDS_PERSON, f"{first}{_tried(rounds)}{why.removeprefix(first)}"
         case TurnOutcome.ASK:
             return RepairTrigger.NEEDS_PERSON, why
         case _:

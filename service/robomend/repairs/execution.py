@@ -21,12 +21,14 @@ from functools import partial
 from robomend.planning.plan import Plan, Step
 from robomend.repairs.execution_values import (
     MAY_HAVE_ACTED,
+    RUNS_ALREADY,
     Ending,
     Execution,
     Setting,
     Timing,
     Withheld,
     failure,
+    found_running,
 )
 from robomend.repairs.looking import Looking, first_of
 from robomend.repairs.reporting import Reporting
@@ -73,6 +75,7 @@ class _Run:
         self._done: set[int] = set()
         self._looking = Looking(setting, plan.steps)
         self._tasks: dict[asyncio.Task[None], int] = {}
+        self._kept: set[str] = set()  # what was good before its step came: neither stopped nor started
 
     async def run(self) -> Execution:
         stop: _Stop | None = None
@@ -91,8 +94,8 @@ class _Run:
             await _cancel({halted, watch, *self._tasks})
             await self._reporting.close()
         if stop is None:
-            return Execution(Ending.DONE, "every effect was seen", self._reporting.all)
-        return Execution(stop.ending, stop.reason, self._reporting.all, stop.mismatch)
+            stop = _Stop(Ending.DONE, "every effect was seen")
+        return Execution(stop.ending, stop.reason, self._reporting.all, stop.mismatch, frozenset(self._kept))
 
     async def _halted(self) -> None:
         await self._setting.halt.wait()
@@ -138,6 +141,8 @@ class _Run:
     async def _step(self, step: Step) -> None:
         timing = self._setting.timing_of(step)
         try:
+            if await self._is_kept(step):
+                return
             await self._check_permitted(step)
             await self._check_preconditions(step, timing)
             if self._looking.visible(step):
@@ -153,6 +158,23 @@ class _Run:
         except _Stop as stop:
             await self._reporting.tell(step, StepTrigger.WENT_WRONG, reason=stop.reason)
             raise
+
+    async def _is_kept(self, step: Step) -> bool:
+        """Return whether a step is left out, as what it acts on is good by the newest evidence.
+
+        What was not stopped for that is not started either.
+        """
+        if self._kept.issuperset(step.parameters) and step.parameters:
+            why = "it was good already, and was not touched"
+        elif (found := await self._setting.well(step)) is not None:
+            why = found
+            self._kept.update(step.parameters)
+        else:
+            return False
+        if step.name == "start_node":
+            self._setting.prediction.finish(step)
+        await self._reporting.tell(step, StepTrigger.EFFECT_THERE, reason=why)
+        return True
 
     async def _check_permitted(self, step: Step) -> None:
         refusal = await self._setting.permit(step)
@@ -300,10 +322,13 @@ class _Run:
         seen, missing, within = await self._looking.effect(step.name, wanted, timeout_s, sent_ns)
         if missing:
             names, was = first_of(missing), "was" if len(missing) == 1 else "were"
+            result = self._reporting.all[step.index].result
+            found = result is not None and found_running(step.name, result.message)
+            answer = RUNS_ALREADY if found else "done"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
-                f"{step} answered 'done', but {names} {was} not seen within {within}",
+                f"{step} answered '{answer}', but {names} {was} not seen within {within}",
                 missing[0],
             )
         await self._reporting.tell(step, StepTrigger.EFFECT_SEEN, seen=seen)

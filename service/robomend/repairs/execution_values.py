@@ -170,6 +170,7 @@ class Execution:
     reason: str
     steps: tuple[StepReport, ...]
     mismatch: Literal | None = None  # what was expected and not seen
+    kept: frozenset[str] = frozenset()  # what was good before its step came, and was not touched
 
     @property
     def effect_seen(self) -> bool:
@@ -184,6 +185,10 @@ class Execution:
             for report in self.steps
             if report.sent_ns is not None
         )
+
+
+async def _unknown(step: Step) -> str | None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -207,6 +212,8 @@ class Setting:
     answers_s: Callable[[Step], float] = lambda step: 0.0  # what who carries it out needs for its answer
     confirm: Confirm = nobodys
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
+    well: Callable[[Step], Awaitable[str | None]] = _unknown  # asked before a step acts on what is bad: None,
+    # or by what evidence that is good by now, and not to be touched
 
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""
@@ -227,6 +234,15 @@ def failure(step: Step, result: ActionResult) -> str:
     """Return the sentence that tells of an action which did not succeed."""
     what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
     return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"
+
+
+RUNS_ALREADY = "runs already"
+"""What an agent says that was to start a process and found it there."""
+
+
+def found_running(name: str, message: str) -> bool:
+    """Return whether an action found a process that it was to start; the plan takes it to have ended."""
+    return name == "start_node" and RUNS_ALREADY in message
 
 
 def timings(configured: Mapping[str, Mapping[str, object]], once: Collection[str]) -> dict[str, Timing]:

@@ -3,7 +3,8 @@
     shutdown, stop_node ──► left off, on disk with the intent ──► power_up, start_node: not any more
                                 │
                                 └─ the plan ends half-way: the next one knows that it is off, also where
-                                   nobody observes it, and in a later repair; else a reason names it
+                                   nobody observes it, and in a later repair; before a person is asked it is
+                                   brought back, whatever it rests on; else a reason names it
 
 A user's own action that switches something off means to, and is not counted.
 """
@@ -13,11 +14,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
+from robomend.model.components import ComponentModel
 from robomend.planning.plan import Step
 from robomend.planning.policy import TAKES_AWAY
 from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.planning.problem import needs_of
 from robomend.robots.robot import Robot
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Atom, Literal, fails, holds
 
 LeftOff = Mapping[str, int]
 """Component -> when we took its power or its process, in nanoseconds."""
@@ -51,6 +54,27 @@ def unknown(state: Robot, left: LeftOff) -> tuple[Literal, ...]:
     """Return, as what a plan may start from, what is off by our doing and observed by nobody."""
     atoms = [_works(state, name) for name in left]
     return tuple(Literal(atom, False) for atom in atoms if state.sight.value(atom) is None)
+
+
+def returning(parts: ComponentModel, left: LeftOff) -> tuple[Step, ...]:
+    """Return the acts that bring back what is left off: power first, supplies before what they feed, then the
+    nodes, each after those that it needs. Nothing is expected of them but that they are on, or run.
+    """
+    devices = [name for name in parts.hardware if name in left and parts.switchable(name)]
+    devices.sort(key=lambda name: len(parts.feeders(name)))
+    nodes = [name for name in parts.nodes if name in left and parts.nodes[name].restartable]
+    needs = needs_of(parts)
+    ordered: list[str] = []
+    while nodes:  # without circles: needs_of leaves them out
+        ready = [name for name in nodes if not any((name, other) in needs for other in nodes)]
+        ordered += ready
+        nodes = [name for name in nodes if name not in ready]
+    acts = [("power_up", "off", "on", name) for name in devices]
+    acts += [("start_node", "stopped", "running", name) for name in ordered]
+    return tuple(
+        Step(i, act, (name,), 1.0, (), (holds(lost, name),), (holds(kept, name), fails(lost, name)))
+        for i, (act, lost, kept, name) in enumerate(acts)
+    )
 
 
 def in_words(state: Robot, left: LeftOff) -> str:

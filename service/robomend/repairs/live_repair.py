@@ -12,30 +12,38 @@ from dataclasses import replace
 from functools import partial
 
 from robomend.cycle import stands_no_more
-from robomend.diagnosis.result import DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.advice import other_suspects
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Plan, Step
+from robomend.planning.influence import published
+from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import Prediction, theory_of
 from robomend.repairs.acts import Acts
 from robomend.repairs.calm import Calm
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import Silent
+from robomend.repairs.conclusions import NAMED, Silent
 from robomend.repairs.confirming import Confirming
+from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.hearing import LOOK_S, Hearing
+from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import judged, set_aside, spent
-from robomend.repairs.signals import Signals
-from robomend.repairs.states import RepairTrigger
+from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
+from robomend.repairs.signals import Halted, Signals
+from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
 from robomend_client.actions import Executor
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
+
+NEWS_S = 0.05
+"""How often repeated news, which wakes nobody, are looked at."""
+
+BETWEEN_ROUNDS = frozenset({RepairState.WAITING, RepairState.PLANNING, RepairState.VERIFYING})
 
 OWN_S = 30.0
 """What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
@@ -75,6 +83,7 @@ class LiveRepair:
         self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
+        self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
         self._first = 0  # number of the present round's first step within the repair
 
     def _shows_s(self, *actions: str) -> float:
@@ -179,8 +188,9 @@ class LiveRepair:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
             found = self._permission.at_once(found)
-            assert found.diagnosis is not None
+            assert found.plan is not None and found.diagnosis is not None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
+            self._judged = by_evidence(found.plan, found.diagnosis.bad)
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
             self._first = await self._record.begin_round(found, result, entries)
@@ -206,6 +216,7 @@ class LiveRepair:
                 avoided=self._acts.exhausted(),
                 left_off=self._acts.left_off(),
                 since_ns=self._record.tries_anew_from_ns,
+                lingering=self._acts.lingering,
             )
         )
 
@@ -247,7 +258,62 @@ class LiveRepair:
             answers_s=self._answers_s,
             confirm=self._confirm,
             report=report,
+            well=self._well,
         )
+
+    async def _well(self, step: Step) -> str | None:
+        """Return by what evidence the bad that a step acts on is good now: all that it publishes and that is
+        observed is, and no diagnosis blames it any more.
+
+        What an act of this plan may have changed is waited for, as long as its observers need to say it anew.
+        """
+        parts = self._state.system.parts
+        bad = {p.atom.args[0] for p in step.preconditions if p.positive and p.atom.predicate == "bad"}
+        if parts is None or not bad or not bad <= self._judged:
+            return None
+        topics = [Atom("ok", (topic,)) for topic in sorted(published(parts, bad))]
+        seen = [atom for atom in topics if atom in self._hearing.observed or self._state.sight.reported(atom)]
+        sight = self._state.sight
+        most_s = min(max(map(sight.settling_s, seen), default=0.0), Timing().effect_timeout_s)
+        deadline = time.monotonic() + most_s
+        while None in (values := [sight.value(atom) for atom in seen]) and False not in values:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0:
+                return None
+            await self._state.changed(self._state.revision, min(left_s, NEWS_S))
+        if not seen or not all(values):
+            return None
+        try:
+            if not stands_no_more(tuple(bad), await self._newest()):
+                return None
+        except Halted:  # which ends the execution itself
+            return None
+        return f"{', '.join(map(str, seen[:NAMED]))} by now: {', '.join(sorted(bad))} is not touched"
+
+    # --- give up
+
+    async def bring_back(self) -> None:
+        """Switch on and start again what this repair took away, before it gives up: as a round of its own, of
+        which nothing is expected but that.
+        """
+        left, parts = self._acts.left_off(), self._state.system.parts
+        steps = () if parts is None else returning(parts, left)
+        if not steps or self._record.state not in BETWEEN_ROUNDS or self._signals.halt.is_set():
+            return
+        initial = frozenset(p.atom for step in steps for p in step.preconditions)
+        plan = Plan(Outcome.SOLVED, steps, float(len(steps)), "none", initial, (), (), (), 0.0)
+        why = "what was stopped or switched off for the repair is brought back before it gives up"
+        choice = Choice(Diagnosis(tuple(left)), plan, None, (), plan.cost, why)
+        nothing = DiagnosisResult(self._state.system.cnf.components, (), True, None, (), 0.0)
+        first = await self._record.begin_round(choice, nothing, self._state.sight.entries())
+        await self._record.update(RepairTrigger.PERMITTED)
+        ends: list[Execution] = []
+        for step in steps:  # each whatever comes of the others
+            self._first = first + step.index
+            alone = replace(plan, steps=(replace(step, index=0),))
+            ends.append(await execute(alone, self.setting(alone)))
+        last = next((one for one in ends if one.ending is not Ending.DONE), ends[-1])
+        await self._record.end_round(str(last.ending), last.reason, helped=last.ending is Ending.DONE)
 
     # --- look, remember
 
@@ -294,7 +360,14 @@ class LiveRepair:
             raise Silent(why)
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
-        """Keep the attempt; components whose repairs keep failing go into quarantine."""
+        """Keep the attempt; components whose repairs keep failing go into quarantine.
+
+        A start that found its process there was none: it is stopped first, by the next plan.
+        """
+        ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
+        if self._acts.found_there(execution.steps) and not helped:
+            await self._record.end_round(*ending, helped=False, entries=entries)
+            return
         assert choice.diagnosis is not None
         by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
         if not helped:
@@ -310,7 +383,6 @@ class LiveRepair:
             helped=helped,
             by_itself=by_itself,
         )
-        ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
         await self._record.end_round(
             *ending,
             helped=helped and by_itself is None,

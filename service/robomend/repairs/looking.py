@@ -57,11 +57,17 @@ class Looking:
         }
 
     def visible(self, step: Step) -> bool:
-        """Return whether OBS shows each on/off and running/stopped that the step brings about."""
+        """Return whether OBS shows each on/off and running/stopped that the step brings about.
+
+        What was so before the step says nothing of it: a process that lingers was not seen to run either.
+        """
+        before = set(step.preconditions)
         facts = {
             observable(effect)
             for effect in step.effects
-            if effect.positive and observable(effect).atom.predicate in OBSERVED_FACTS
+            if effect.positive
+            and effect not in before
+            and observable(effect).atom.predicate in OBSERVED_FACTS
         }
         return bool(facts) and all(self._sight.value(f.atom) == f.positive for f in facts)
 

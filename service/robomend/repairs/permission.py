@@ -108,7 +108,8 @@ class Permission:
             raise NotPermitted(refusal)
         if (why := await self._signals.unless_halted(self._acts.interlocked())) is not None:
             raise NotPermitted(why)
-        if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
+        asked = bool(choice.yes) or self._policy.mode_for(steps) is Mode.APPROVE
+        if not asked or self._covered(steps):
             await self._record.update(RepairTrigger.PERMITTED)
             return not self._signals.halt.is_set()
         self._signals.ask()  # before the question can be seen, or a quick yes would be lost

@@ -208,7 +208,7 @@ class RepairRecord:
         assert plan is not None
         assert choice.diagnosis is not None
         rests_on = grounds(result, choice, entries)
-        rounds = list(self._data.get("rounds", ()))
+        rounds = self.rounds_closed("not-permitted", "it was not begun")
         first = sum(len(past["plan"]) for past in rounds)
         bad, good = choice.diagnosis.bad, result.good(choice.diagnosis)
         diagnosis = {"bad": list(bad), "good": list(good)}

@@ -9,6 +9,7 @@ from typing import Any
 
 from robomend.planning.choice import Choice
 from robomend.planning.cures import once
+from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt
@@ -33,6 +34,7 @@ class Remembered:
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
+    reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
 
 
 def remembered(
@@ -65,6 +67,7 @@ def remembered(
         surely_broken(records, repairs.newest(view, [robot]).get(robot)),
         again,
         frozenset(aside),
+        reconnecting(records),
     )
 
 
@@ -122,18 +125,43 @@ def judged(
         effect_seen=execution.effect_seen,
         helped=helped and by_itself is None,
         began_ns=min((report.sent_ns for report in execution.steps if report.sent_ns), default=0),
+        model=state.system.parts,
     )
     ended = {
         "ending": str(execution.ending),
         "reason": execution.reason,
         "direct": direct(execution.steps, choice.diagnosis.bad),
         "certain": [name for name in choice.diagnosis.bad if name in choice.certain],
+        "reconnected": sorted(execution.kept - set(choice.diagnosis.bad)),
     }
     if by_itself is not None:
         return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
     left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=patience)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
+
+
+def by_evidence(plan: Plan, bad: Collection[str]) -> frozenset[str]:
+    """Return what a plan takes to be bad and evidence may clear: what its diagnosis blames, and drivers of
+    devices that it gives their power. What is tied to another node must restart after it, whatever is seen.
+    """
+    dropped, tied = set(bad), set[str]()
+    for step in plan.steps:
+        names = (e.atom.args[0] for e in step.effects if e.positive and e.atom.predicate == "bad")
+        (tied if step.name == "stop_node" else dropped).update(set(names) - set(step.parameters))
+    return frozenset(dropped - tied)
+
+
+def reconnecting(tried: Iterable[StoredAttempt]) -> frozenset[str]:
+    """Return the drivers that were seen to come back by themselves with their devices, and not since to have
+    had to be restarted.
+    """
+    found: set[str] = set()
+    for one in sorted(tried, key=lambda one: one.time_ns):
+        if one.helped:
+            found -= set(one.bad)
+        found |= set(one.data.get("reconnected", ()))
+    return frozenset(found)
 
 
 def set_aside(robot: str, found: Mapping[str, Quarantined], now_ns: int, last: str = "") -> list[Quarantine]:

@@ -174,12 +174,15 @@ class RobotRepairs:
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
         blamed = at_first = blamed_now(state)
         declined = unlasting = unheard = False
+        live: LiveRepair | None = None
         try:
             heard_since = await entry.take_up(state)
-            last = await mend(await self._live(state, record, heard_since))
+            live = await self._live(state, record, heard_since)
+            last = await mend(live)
             while (doubt := in_doubt(last)) is not None:  # nobody else may send it either: the repair stays
                 heard_since = await entry.ask_about(doubt, state)
-                last = await mend(await self._live(state, record, heard_since))
+                live = await self._live(state, record, heard_since)
+                last = await mend(live)
             unlasting = last.choice is not None and last.choice.unlasting
             # well again, and not for long, or what was bad is not heard, or not diagnosed, at the moment
             well = health_of(state)[0] is HealthState.HEALTHY
@@ -211,8 +214,24 @@ class RobotRepairs:
         finally:
             listener.cancel()
             await asyncio.wait({listener})
+        if live is not None and end in {RepairTrigger.NEEDS_PERSON, RepairTrigger.BROKE}:
+            await self._bring_back(live)
+            self.stopped()
+            if signals.halt.is_set():
+                end, reason = RepairTrigger.HALTED, f"{signals.reason}; {reason}"
         how = {"declined": declined, "unlasting": unlasting, "unheard": unheard}
         await self._end(entry, state, record, end, reason, blamed, **how)
+
+    async def _bring_back(self, live: LiveRepair) -> None:
+        """Let a repair that gives up leave nothing stopped or off by its doing."""
+        try:
+            await live.bring_back()
+        except StoreError:
+            raise  # the repair stays open and is entered again
+        except Exception as error:  # it ends in any case, with what is left off in its reason
+            if await self._is_lost(error):
+                raise
+            log.warning("brought nothing back", robot=self._robot, exc_info=True)
 
     async def _end(
         self,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from robomend.entry import Entry
 from robomend.errors import ObservationError
+from robomend.model.components import Hardware
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
@@ -29,6 +30,7 @@ from robomend.robots.source_clocks import SourceClocks
 from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import BOARD
+from robomend_client.readings import Symptom
 
 if TYPE_CHECKING:
     from robomend.robots.robot import Robot
@@ -60,11 +62,13 @@ class Sight:
         "_heard",
         "_listed",
         "_off",
+        "_powerless",
         "_risen",
         "_robot",
         "_rose",
         "_settle",
         "declared",
+        "power_back",
         "start_ups",
         "twins",
         "unconfirmed",
@@ -82,6 +86,8 @@ class Sight:
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
+        self._powerless: set[str] = set()  # devices that were last heard to be off
+        self.power_back: dict[str, int] = {}  # device -> when it was heard to be on, after it was off
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.start_ups = StartUps()
@@ -182,6 +188,14 @@ class Sight:
                 lives_ns = min(max(0, lives_ns), LATE_NS)
                 least_s = max(least_s, (entry.expires_ns + lives_ns - now_ns) / 1e9)
         return least_s
+
+    def kinds(self) -> dict[Atom, Symptom]:
+        """Return in which way what does not hold now is bad, where its observer says that."""
+        return {
+            entry.atom: entry.reading.symptom
+            for entry in self.entries()
+            if not entry.positive and entry.reading is not None and entry.reading.symptom is not None
+        }
 
     def onsets(self) -> dict[Atom, int]:
         """Return what does not hold now, with its last good sample where that is known."""
@@ -367,12 +381,16 @@ class Sight:
             self._off.clear()
         if len(self._bad) > MAX_ATOMS:
             self._bad.clear()
+            self._powerless.clear()
+            self.power_back.clear()
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
                 self._bad[atom] = entry.onset_ns or entry.since_ns or entry.time_ns
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
+            if atom.predicate == Hardware.state and len(atom.args) == 1:
+                self._switched(atom.args[0], entry)
             held = self._rose.pop(atom, None)
             if positive:
                 self._fell.pop(atom, None)
@@ -401,6 +419,14 @@ class Sight:
         for source, (said_ns, again, mortal) in spoke.items():  # it may have been on its way for long
             at_ns = min(now_ns, said_ns + self._clocks.lives_on_ns(source))
             self._heard.hear(source, at_ns, again=again, mortal=mortal)
+
+    def _switched(self, device: str, entry: Entry) -> None:
+        """Take note of a device's power, which was heard to have changed."""
+        if not entry.positive:
+            self._powerless.add(device)
+        elif device in self._powerless:
+            self._powerless.discard(device)
+            self.power_back[device] = entry.since_ns or entry.time_ns
 
     def said_again(self, literals: Collection[Literal], time_ns: int) -> None:
         """Take note of literals that a source says anew, at this time, and that OBS holds as they are."""

@@ -28,6 +28,7 @@ def test_without_a_text_of_the_user_the_shipped_domain_is_meant() -> None:
         "switchable",
         "restartable",
         "drives",
+        "loses",
         "fed_by",
         "hangs_on",
         "needs",

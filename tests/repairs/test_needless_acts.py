@@ -1,0 +1,199 @@
+"""No act without need: what a symptom says, what is good by now, what is still there, what is stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from tests.repairs.robot import CONFIG, HARDWARE, MODEL, Robot, robot_on, running, service, the_repair
+
+from robomend.api.runtime import Runtime
+from robomend.repairs.repeating import MOST
+from robomend.robots.sight import Sight
+from robomend.store import attempts
+from robomend_client.actions import FAILED
+from robomend_client.literals import Atom
+from robomend_client.readings import Symptom
+
+pytestmark = pytest.mark.anyio
+
+
+def say(monkeypatch: pytest.MonkeyPatch, said: Mapping[str, tuple[str, Symptom]]) -> None:
+    """Let the observers of these say in which way they are bad, where they are."""
+    symptoms = {Atom(predicate, (name,)): symptom for name, (predicate, symptom) in said.items()}
+
+    def of(self: Sight) -> dict[Atom, Symptom]:
+        return {atom: symptom for atom, symptom in symptoms.items() if self.value(atom) is False}
+
+    monkeypatch.setattr(Sight, "kinds", of)
+
+
+async def test_of_what_comes_too_fast_nothing_is_restarted_and_a_second_publisher_is_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    say(monkeypatch, {"odom": ("ok", Symptom.FAST)})
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert repair["reason"].startswith(
+        "probably a second publisher: look who publishes odom; a person is needed; "
+    )
+    assert robot.done == []
+
+
+async def test_power_is_cut_for_what_stands_still_only_with_a_persons_yes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    say(monkeypatch, {"odom": ("ok", Symptom.STILL)})
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        waits = await the_repair(runtime, ended=False)
+        assert "shutdown(base)" in [step["text"] for step in waits["plan"]]
+        assert "power is not cut for ok(odom) (still) without a person's yes" in waits["reason"]
+        assert "shutdown(base)" not in robot.done
+        assert "stop_node(base_node)" in robot.done  # what cuts no power was done by itself
+        await runtime.repairs.approve(waits["id"], by="ann", reason="look there")
+        repair = await the_repair(runtime)
+    assert "shutdown(base)" in robot.done
+    assert repair["state"] == "escalated"
+
+
+@dataclass
+class Deaf(Robot):
+    """Its mapping is halted: nothing runs by what is observed, and to start it finds it there."""
+
+    halted: bool = True
+
+    def sentences(self) -> list[str]:
+        gone = {"running(mapping)", "ok(map)"} if self.halted else set()
+        return [f"not {one}" if one in gone else one for one in super().sentences()]
+
+    def do(self, name: str, parameter: str) -> None:
+        if parameter == "mapping":
+            if name == "stop_node":
+                self.halted = False
+            elif self.halted:
+                self.message = "runs already: process 4711"
+                return
+        self.message = ""
+        super().do(name, parameter)
+
+
+@pytest.mark.parametrize("symptom", [None, Symptom.ENDED, Symptom.HALTED, Symptom.SILENT], ids=str)
+async def test_what_a_start_finds_there_is_stopped_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, symptom: Symptom | None
+) -> None:
+    """A kind that does not say that the process has ended plans so at once."""
+    if symptom is not None:
+        say(monkeypatch, {"mapping": ("running", symptom)})
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
+        robot = Deaf(runtime.repairs, runtime.robots)
+        async with running(robot):
+            repair = await the_repair(runtime)
+        tried = await runtime.store.read(attempts.tried, "r1")
+    assert repair["state"] == "repaired", repair["reason"]
+    known = symptom in {Symptom.HALTED, Symptom.SILENT}
+    first = [] if known else ["start_node(mapping)"]
+    assert robot.done == [*first, "stop_node(mapping)", "start_node(mapping)"]
+    if not known:
+        reason = repair["rounds"][0]["reason"]
+        assert reason.startswith("start_node(mapping) answered 'runs already', but running(mapping) ")
+    assert [one.helped for one in tried] == [True]  # the start was no attempt
+
+
+@dataclass
+class Reconnecting(Robot):
+    """Its drivers find their devices again by themselves, as soon as those have power."""
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        if name == "power_up":
+            self.connected[HARDWARE[parameter]] = self.running[HARDWARE[parameter]]
+
+
+async def lose_power(runtime: Runtime, robot: Robot, before: str = "") -> dict[str, object]:
+    """The base loses its power; return its repair."""
+    await robot.settled()
+    robot.cut("base")
+    await robot.report()
+    while True:
+        repair = await the_repair(runtime)
+        if repair["id"] != before:
+            return repair
+
+
+async def test_a_driver_that_is_good_again_is_not_restarted_and_the_next_time_that_is_not_planned(
+    tmp_path: Path,
+) -> None:
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
+        robot = Reconnecting(runtime.repairs, runtime.robots)
+        async with running(robot):
+            first = await lose_power(runtime, robot)
+            assert first["state"] == "repaired"
+            assert robot.done == ["power_up(base)"]
+            steps = {step["text"]: step for step in first["rounds"][0]["plan"]}  # type: ignore[index]
+            assert steps["stop_node(base_node)"]["state"] == "already-there"
+            assert steps["stop_node(base_node)"]["message"] == "ok(odom) by now: base_node is not touched"
+            assert steps["start_node(base_node)"]["state"] == "already-there"
+            again = await lose_power(runtime, robot, str(first["id"]))
+            assert again["state"] == "repaired"
+            assert [step["text"] for step in again["plan"]] == ["power_up(base)"]  # type: ignore[attr-defined]
+    assert robot.done == ["power_up(base)", "power_up(base)"]
+
+
+TIED = """
+robomend: 1
+name: tied
+nodes:
+  skill: {publishes: {grip: []}}
+  watch: {publishes: {seen: [grip]}, tied_to: [skill]}
+"""
+
+
+@dataclass
+class Skilled(Robot):
+    """A skill, and a watch that is tied to it."""
+
+    def sentences(self) -> list[str]:
+        facts = {f"running({name})": self.running[name] for name in ("skill", "watch")}
+        facts |= {"ok(grip)": self.running["skill"], "ok(seen)": all(facts.values())}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+
+async def test_a_repair_that_gives_up_starts_again_what_it_stopped(tmp_path: Path) -> None:
+    """The watch does not start as often as a repair tries; once more, before a person is asked, it does."""
+
+    async def spoil(robot: Robot, name: str, parameter: str) -> int | None:
+        times = robot.done.count("start_node(watch)")
+        return FAILED if (name, parameter) == ("start_node", "watch") and times < MOST else None
+
+    observed = ["running(skill)", "running(watch)", "ok(grip)", "ok(seen)"]
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("tied", TIED, format=None, expected=None, by="test")
+        await runtime.robots.put_robot(
+            "r1", {**CONFIG, "model": "tied", "observed": observed}, expected=None, by="test"
+        )
+        robot = Skilled(
+            runtime.repairs, runtime.robots, running={"skill": True, "watch": True}, connected={}, spoil=spoil
+        )
+        async with running(robot):
+            await robot.settled()
+            robot.running["skill"] = False
+            repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert "stop_node(watch)" in robot.done
+    assert robot.running["watch"]
+    assert repair["left_off"] == []
+    assert "left stopped" not in repair["reason"]
+    assert repair["rounds"][-1]["why"] == (
+        "what was stopped or switched off for the repair is brought back before it gives up"
+    )
