@@ -15,7 +15,7 @@ and only when the new one knows them, too, does it take the old one's place:
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from robomend_client.beats import beat
@@ -110,7 +110,7 @@ class DdsNode:
         Raises:
             Forgotten: the domain must be entered anew.
         """
-        part = self._part = _Part(self, dds, self.found)
+        part = self._part = _Part(dds, self.found, self._wanted, self._told, self)
         for told, writer in zip(self._told, part.writers, strict=True):
             told.writer = writer
         self._unheard.of(self._wanted)
@@ -152,7 +152,7 @@ class DdsNode:
             found = Discovered()
             found.lost.update(self.found.lost)
             try:
-                self._next = _Part(self, part.dds.again(), found)
+                self._next = _Part(part.dds.again(), found, self._wanted, self._told, self)
             except NoDds as error:
                 self.problems.tell("DDS", str(error))
 
@@ -192,15 +192,20 @@ class DdsNode:
 class _Part:
     """One participant of ours: what it hears, what it tells, and what it has discovered."""
 
-    def __init__(self, node: DdsNode, dds: Dds, found: Discovered) -> None:
+    def __init__(
+        self,
+        dds: Dds,
+        found: Discovered,
+        wanted: Mapping[str, Sequence[OnSample]],
+        told: Iterable[ToldByUs],
+        node: DdsNode,
+    ) -> None:
         self.dds = dds
         self.found = found
         found.own = dds.key
         self._node = node
-        self.topics = {
-            topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in node._wanted.items()
-        }
-        self.writers = [dds.writer(wire_topic(told.topic), wire_type(told.kind)) for told in node._told]
+        self.topics = {topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in wanted.items()}
+        self.writers = [dds.writer(wire_topic(one.topic), wire_type(one.kind)) for one in told]
         self.returned_s: dict[bytes, float] = {}  # since when
         self._graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
         self._graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
