@@ -37,7 +37,7 @@ The schemas in examples/ follow from these; `./dev format` writes them.
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -63,6 +63,12 @@ class Sight(Enum):
 
     LOST = "lost"  # nobody looks from now on, until BACK or the next sample
     BACK = "back"  # somebody looks from now on; without LOST before it: nobody did, until now
+
+
+class Publishers(NamedTuple):
+    """Delivered in place of a sample: who publishes its source, as far as the robot's graph shows."""
+
+    nodes: tuple[str, ...]
 
 
 class Evidence(NamedTuple):
@@ -170,6 +176,15 @@ class Patient(Protocol):
 
         An agent that was held up for longer has it judge anew. Others bear half of their detection delay.
         """
+        ...
+
+
+@runtime_checkable
+class Published(Protocol):
+    """An observer that says beside its verdict who publishes what it watches."""
+
+    def published_by(self, nodes: Sequence[str]) -> None:
+        """These nodes do, from now on."""
         ...
 
 

@@ -9,7 +9,8 @@ slope of the means) or by its sign (the mean itself, against the same b): a comm
 what odometry says as a trend. `derive: first` takes finite differences of the first value instead of the
 value.
 
-When one of them says nothing for a window, the match is unknown, and the count begins anew.
+When one of them says nothing for a window, the match is unknown, and the count begins anew. A match is only
+said after as many ticks as a mismatch takes to be said: until then nothing could have shown it.
 
 Source: the paper, section IV-B. `preset: published` has its parameters; its counter had no upper bound, so
 that a long mismatch took as long to be forgotten, and a silent topic counted as a mismatch.
@@ -23,7 +24,8 @@ from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
-from robomend_client.observers.qualitative import CONST, DEC, INC, PATIENCE, Trend, TrendOf
+from robomend_client.observers.qualitative import CONST, DEC, INC, PATIENCE, WORDS, Trend, TrendOf
+from robomend_client.readings import Reading, Symptom
 
 COMPARED = ("trend-trend", "trend-sign", "sign-trend", "sign-sign")
 
@@ -106,8 +108,7 @@ class BinaryQualitativeObserver:
         window_s = max(expected.window_s, second_window_s)
         self._window_ns = ns(window_s)
         self.patience_s = PATIENCE * window_s
-        self.settling_s = window_s + 2 * expected.tick_s
-        self.detection_s = self.settling_s + (expected.threshold + 1) * expected.tick_s
+        self.detection_s = self.settling_s = window_s + (expected.threshold + 3) * expected.tick_s
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
         self.reset(0)
 
@@ -130,13 +131,27 @@ class BinaryQualitativeObserver:
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         self._run(now_ns)
-        return NOTHING if self._mismatch is None else self._signs[self._mismatch <= self._threshold]
+        if self._mismatch is None or self._ticks <= self._threshold:
+            return NOTHING
+        return self._signs[self._mismatch <= self._threshold]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        if self._mismatch is not None and self._mismatch <= self._threshold:
-            return Evidence(max(self._from_ns, self._ticked_ns - self._window_ns))
         span_ns = self._window_ns + (self._threshold + 1) * self._tick_ns
-        return Evidence(max(self._from_ns, self._ticked_ns - span_ns), self._equal_ns)
+        since_ns = max(self._from_ns, self._ticked_ns - span_ns)
+        good = self._mismatch is not None and self._mismatch <= self._threshold
+        return Evidence(since_ns, None if good else self._equal_ns, self._reading(good))
+
+    def _reading(self, good: bool) -> Reading:
+        """Return how the two values behave."""
+        if not good:
+            for source, side in self._sides.items():
+                (other,) = (s for s in self._sides if s != source)
+                if side.still and not self._sides[other].still:
+                    still = f"{source} stands still at {side.mean:g}, {other} does not"
+                    return Reading(still, symptom=Symptom.STILL)
+        told = " and ".join(f"{WORDS[side.says]} ({side.mean:g})" for side in self._sides.values())
+        limit = f"at most {self._threshold} ticks of mismatch"
+        return Reading(told, "", limit, None if good else Symptom.VALUE)
 
     @property
     def mismatch(self) -> int | None:
@@ -147,6 +162,7 @@ class BinaryQualitativeObserver:
 
     def _forget(self) -> None:
         self._mismatch: int | None = None
+        self._ticks = 0  # that were counted, up to as many as a mismatch takes
         self._ticked_ns = self._from_ns
         self._equal_ns: int | None = None  # the newest tick without any mismatch
 
@@ -166,6 +182,7 @@ class BinaryQualitativeObserver:
     def _count(self, tick_ns: int, equal: bool) -> None:
         mismatch = self._mismatch or 0
         self._mismatch = max(0, mismatch - 1) if equal else min(2 * self._threshold + 1, mismatch + 1)
+        self._ticks = min(self._threshold + 1, self._ticks + 1)
         self._ticked_ns = tick_ns
         if self._mismatch == 0:
             self._equal_ns = tick_ns
@@ -186,7 +203,7 @@ class _Side:
         self._trend.reset()
         self._sum, self._n = 0.0, 0
         self._mean: float | None = None
-        self._mean_ns = 0
+        self._mean_ns = self._changed_ns = 0
         self._sign: int | None = None
         self.silent = True
 
@@ -195,12 +212,30 @@ class _Side:
         self._n += 1
         self.silent = False
 
+    @property
+    def mean(self) -> float:
+        """The newest mean."""
+        return self._mean or 0.0
+
+    @property
+    def says(self) -> int:
+        """The trend, or the sign, as `tick` has returned it last."""
+        says = self._sign if self._by_sign else self._trend.now
+        return CONST if says is None else says
+
+    @property
+    def still(self) -> bool:
+        """Whether the value has not changed at all for a window."""
+        return self._mean_ns - self._changed_ns >= self._window_ns
+
     def tick(self, tick_ns: int) -> int | None:
         """Return the trend, or the sign; None where nothing is known."""
         if self._n:
             mean, before, before_ns = self._sum / self._n, self._mean, self._mean_ns
             self._sum, self._n = 0.0, 0
             self._mean, self._mean_ns = mean, tick_ns
+            if mean != before:
+                self._changed_ns = tick_ns
             if self._derive:
                 if before is None:
                     return None

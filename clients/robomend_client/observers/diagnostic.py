@@ -7,7 +7,8 @@
 
 ok(d) iff no status that matches is as bad as `bad_from`; the worst of the newest ones counts. STALE says
 that the publisher itself does not know: unknown, unless `stale: bad`. When nothing comes for `lifetime_s`,
-d is unknown, unless `missing: bad`.
+d is unknown, unless `missing: bad`. After a reset a good verdict waits, at most for the settling time, for
+all statuses that were heard before: the bad one may be the last to come.
 
 A sample is one status or a list of them (diagnostic_msgs/DiagnosticArray's `status`), as mappings with
 `name`, `level`, `values` (a mapping, or a list of `key` and `value`). Names are matched whole or by pattern
@@ -23,17 +24,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from operator import eq, ge, gt, le, lt, ne
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import Evidence, WrongKind, finite
+from robomend_client.observers.base import SECOND, Evidence, WrongKind, finite
 from robomend_client.observers.judgement import Judgement
 from robomend_client.observers.reading import Readings
+from robomend_client.readings import Reading, Symptom
 
 DIAGNOSTICS = "diagnostics"
 """The source whose samples are diagnostic statuses."""
 
 OK, WARN, ERROR, STALE = range(4)
+SHOWN = ("OK", "WARN", "ERROR", "STALE")
 LEVELS = {"warn": WARN, "error": ERROR}
 MOST_STATUSES = 1000
 
@@ -90,14 +93,17 @@ class NumberRule:
         key = found["key"].strip()
         return cls(parse_atom((found["name"] or key).strip()), key, found["op"], float(found["limit"]))
 
-    def holds(self, values: Mapping[str, Any]) -> bool | None:
-        """Return whether it holds; None where the status does not say."""
+    def number(self, values: Mapping[str, Any]) -> float | None:
+        """Return the number that it is about; None where the status does not say."""
         value = values.get(self.key)
         if isinstance(value, str):
             leading = LEADING_NUMBER.match(value)  # "39.5 °C" is 39.5
             value = float(leading[0]) if leading else None
-        reading = finite(value)
-        return None if reading is None else bool(OPERATORS[self.op](reading, self.limit))
+        return finite(value)
+
+    def allows(self, number: float) -> bool:
+        """Return whether the number is what it should be."""
+        return bool(OPERATORS[self.op](number, self.limit))
 
 
 class DiagnosticObserver:
@@ -133,17 +139,23 @@ class DiagnosticObserver:
         self.sources = frozenset((source,))
         self.period_ns = 0
         self.detection_s = readings.delay_s
-        self.settling_s = max(readings.delay_s, readings.lifetime_s if levels.missing == "bad" else 0.0)
+        wait_s = readings.delay_s + readings.interval_s
+        self.settling_s = max(wait_s, readings.lifetime_s if levels.missing == "bad" else 0.0)
+        self._wait_ns = round(readings.interval_s * 1e9)
         self._device = device
         self._bad_from = LEVELS[levels.bad_from]
         self._stale_is_bad = levels.stale == "bad"
         self._missing_is_bad = levels.missing == "bad"
         self._lifetime_ns = round(readings.lifetime_s * 1e9)
         self._judgements: dict[Atom, Judgement] = {atom: readings.judgement() for atom in self.atoms}
+        self._newest: dict[str, _Status] = {}
         self.reset(0)
 
     def reset(self, time_ns: int) -> None:
-        self._newest: dict[str, tuple[int, int]] = {}  # status -> when, level
+        # What was heard before, and is to be heard again before anything is good; for a while.
+        self._awaited = set(self._newest)
+        self._awaited_until_ns = time_ns + self._wait_ns
+        self._newest = {}
         self._heard_ns = time_ns
         for judgement in self._judgements.values():
             judgement.reset()
@@ -157,11 +169,12 @@ class DiagnosticObserver:
             level = status["level"]
             level = level[0] if isinstance(level, bytes) else int(level)  # ROS 2 has a byte
             name = str(status["name"])
+            self._awaited.discard(name)
             if name in self._newest or len(self._newest) < MOST_STATUSES:
-                self._newest[name] = (time_ns, level)
-            self._judge_rules(time_ns, status)
+                message = str(status.get("message", ""))
+                self._newest[name] = _Status(name, time_ns, level, message, self._rules_of(status))
         if ours:
-            self._judge_levels(time_ns)
+            self._judge(time_ns)
 
     def due_ns(self) -> int | None:
         return min(self._times_ns(), default=None)
@@ -182,8 +195,14 @@ class DiagnosticObserver:
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         judgement = self._judgements[atom]
         if atom == self._device and self._missing(now_ns):
-            return Evidence(now_ns - self._lifetime_ns, judgement.good_ns)
-        return judgement.evidence
+            silent = Reading(
+                f"no status for {(now_ns - self._heard_ns) / SECOND:.3g} s", symptom=Symptom.SILENT
+            )
+            return Evidence(now_ns - self._lifetime_ns, judgement.good_ns, silent)
+        read = judgement.read
+        assert isinstance(read, Reading)
+        symptom = Symptom.SELF_REPORT if judgement.bad else None
+        return judgement.evidence._replace(reading=read._replace(symptom=symptom))
 
     # --- inside ----------------------------------------------------------------------------------------
 
@@ -203,30 +222,65 @@ class DiagnosticObserver:
     def _missing(self, now_ns: int) -> bool:
         return self._missing_is_bad and now_ns - self._heard_ns >= self._lifetime_ns
 
-    def _judge_levels(self, time_ns: int) -> None:
+    def _judge(self, time_ns: int) -> None:
+        """Judge by the newest of each status."""
         self._heard_ns = time_ns
-        fresh = {n: (t, level) for n, (t, level) in self._newest.items() if time_ns - t < self._lifetime_ns}
-        self._newest = fresh
-        bad = [t for t, level in fresh.values() if self._is_bad(level)]
-        good = [t for t, level in fresh.values() if level < self._bad_from]
+        life_ns = self._lifetime_ns
+        fresh = self._newest = {
+            name: one for name, one in self._newest.items() if time_ns - one.time_ns < life_ns
+        }
         judgement = self._judgements[self._device]
+        bad = [one for one in fresh.values() if self._is_bad(one.level)]
+        good = [one for one in fresh.values() if one.level < self._bad_from]
         if bad:
-            judgement.add(time_ns, False, max(bad))
-        elif good:
-            judgement.add(time_ns, True, min(good))
-        else:
+            worst = max(bad, key=lambda one: (one.level, one.time_ns))
+            judgement.add(time_ns, False, max(one.time_ns for one in bad), Reading(str(worst)))
+        elif not good:
             judgement.reset()  # all of them are stale: the publisher does not know
+        elif not self._waits(time_ns):
+            judgement.add(time_ns, True, min(one.time_ns for one in good), Reading("OK"))
+        for rule in dict.fromkeys(rule for one in fresh.values() for rule in one.rules):
+            if rule.atom != self._device:
+                self._judge_rule(rule, time_ns)
+
+    def _judge_rule(self, rule: NumberRule, time_ns: int) -> None:
+        told = [(one, one.rules[rule]) for one in self._newest.values() if rule in one.rules]
+        if not any(one.time_ns == time_ns for one, _ in told):
+            return  # nothing new
+        limit = f"{rule.op} {rule.limit:g}"
+        broken = [(one, value) for one, value in told if not rule.allows(value)]
+        if broken:
+            newest, value = max(broken, key=lambda found: found[0].time_ns)
+            self._judgements[rule.atom].add(time_ns, False, newest.time_ns, Reading(value, "", limit))
+        elif not self._waits(time_ns):
+            oldest = min(one.time_ns for one, _ in told)
+            self._judgements[rule.atom].add(time_ns, True, oldest, Reading(told[-1][1], "", limit))
+
+    def _waits(self, time_ns: int) -> bool:
+        """Return whether one of those that were heard before the reset may still be bad."""
+        return bool(self._awaited) and time_ns < self._awaited_until_ns
 
     def _is_bad(self, level: int) -> bool:
         return self._stale_is_bad if level == STALE else level >= self._bad_from
 
-    def _judge_rules(self, time_ns: int, status: Mapping[str, Any]) -> None:
-        if not self._rules:
-            return
-        values = status.get("values") or {}
+    def _rules_of(self, status: Mapping[str, Any]) -> dict[NumberRule, float]:
+        """Return the rules that a status speaks of, each with its number."""
+        values = (status.get("values") or {}) if self._rules else {}
         if not isinstance(values, Mapping):
             values = {pair["key"]: pair["value"] for pair in values}
-        for rule in self._rules:
-            good = rule.holds(values)
-            if good is not None and rule.atom != self._device:
-                self._judgements[rule.atom].add(time_ns, good)
+        found = ((rule, rule.number(values)) for rule in self._rules)
+        return {rule: number for rule, number in found if number is not None}
+
+
+class _Status(NamedTuple):
+    """The newest of one name."""
+
+    name: str
+    time_ns: int
+    level: int
+    message: str
+    rules: dict[NumberRule, float]
+
+    def __str__(self) -> str:
+        level = SHOWN[self.level] if 0 <= self.level < len(SHOWN) else f"level {self.level}"
+        return f"{self.name}: {level} {self.message}".strip()

@@ -42,7 +42,16 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND, NoNumber, Observer, Sight, Verdict, WrongKind
+from robomend_client.observers.base import (
+    SECOND,
+    NoNumber,
+    Observer,
+    Published,
+    Publishers,
+    Sight,
+    Verdict,
+    WrongKind,
+)
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
@@ -130,6 +139,8 @@ class Driver:
             return ()
         if type(value) is Sight:
             return self.look(source, value, time_ns if now_ns is None else now_ns)
+        if type(value) is Publishers:
+            return self.publishers(source, value.nodes, time_ns if now_ns is None else now_ns)
         if now_ns is None:
             now_ns = self.now_ns
             ahead_ns = time_ns - now_ns
@@ -261,6 +272,19 @@ class Driver:
         if self._listener is not None:
             self._listener.sight(self.now_ns, source, sight)
         return [*changes, *self._looked(route, source, sight)]
+
+    def publishers(self, source: str, nodes: Sequence[str], now_ns: int) -> Sequence[Change]:
+        """Say which nodes publish a source: that changes no verdict, and is told beside it."""
+        route = self._routes.get(source)
+        if route is None:
+            return ()
+        changes = self.advance(now_ns)
+        if self._listener is not None:
+            self._listener.publishers(self.now_ns, source, nodes)
+        for state in route.states:
+            if isinstance(state.observer, Published):
+                state.observer.published_by(nodes)
+        return changes
 
     def restart(self, now_ns: int) -> Sequence[Change]:
         """Begin anew at another time, before or after: all that was known is unknown from now on."""

@@ -11,7 +11,8 @@ what was held up comes in bursts, rate − tolerance < f < rate + tolerance_abov
 `silence_s` is not ok at once, and what came before it no longer counts. Until the first verdict the topic is
 unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
-After `settle` intervals the rate is ok if it is right. That it is wrong is only said of a window that is
+After `settle` intervals the rate is ok if it is right, but not sooner after a reset than silence could have
+been told. That it is wrong is only said of a window that is
 not full yet if it would be wrong even had `lost` messages been lost, or the first one come late by a whole
 interval: neither is a fault right after the start.
 
@@ -42,15 +43,16 @@ What is expected of a topic is a `Rate` (rate.py). Source: the paper, section IV
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import islice, pairwise
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns
 from robomend_client.observers.rate import Rate
 from robomend_client.observers.student_t import significant
+from robomend_client.readings import Reading, Symptom
 
 
 class GeneralObserver:
@@ -86,6 +88,9 @@ class GeneralObserver:
         self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
         self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
         self._start_ns: int | None = None  # the first reset; None: there was none
+        self._heard_ns: int | None = None  # the newest message of all, also of those before a reset
+        self._publishers: tuple[str, ...] | None = None  # None: nobody says who they are
+        self._good_from_ns = 0
         self._usual_ns = 0  # gaps below it are regular; 0 until the very first message
         self._forget(0)
 
@@ -93,6 +98,7 @@ class GeneralObserver:
         """Silence counts from here on; of a topic that was never heard of, from its `first_s` on."""
         if self._start_ns is None or time_ns < self._start_ns:
             self._start_ns = time_ns
+        self._good_from_ns = time_ns + self._silence_ns
         self._forget(time_ns)
 
     def _forget(self, time_ns: int) -> None:
@@ -118,7 +124,7 @@ class GeneralObserver:
             counted = self._counted
             counted.append(counted[-1] + min(time_ns - self._newest_ns, self._pause_ns) if counted else 0)
         self._times.append(time_ns)
-        self._newest_ns = time_ns
+        self._newest_ns = self._heard_ns = time_ns
 
     def _irregular(self, time_ns: int, gap_ns: int) -> int:
         """The first message, one after a silence, or one from before the newest: return the time that
@@ -146,11 +152,13 @@ class GeneralObserver:
         if len(counted) >= size:  # most of the time, and asked for most often
             span_ns = counted[-1] - counted[-size]
             if span_ns and self._lowest_hz < self._full / span_ns < self._highest_hz:
-                return self._ok
+                return self._ok if now_ns >= self._good_from_ns else NOTHING
         right = self._right()
         if right is None:
             return NOTHING if self._silence_end_ns is None else self._not_ok
-        return self._ok if right else self._not_ok
+        if right:
+            return self._ok if now_ns >= self._good_from_ns else NOTHING
+        return self._not_ok
 
     def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
         """See Steady: all is well before, at and behind each of these messages."""
@@ -179,20 +187,45 @@ class GeneralObserver:
             self._times.extend(times_ns[size:].tolist())
             if self._pause_ns is not None:
                 self._counted.extend(counted_ns[size:].tolist())
-            self._newest_ns = self._times[-1]
+            self._newest_ns = self._heard_ns = self._times[-1]
 
         return take
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         if now_ns - self._newest_ns >= self._silence_ns:
-            return Evidence(now_ns - self._silence_ns, self._last_good_ns())
+            return Evidence(now_ns - self._silence_ns, self._last_good_ns(), self._silent(now_ns))
         right = self._right()
         if right is None and self._silence_end_ns is not None:
-            return Evidence(self._silence_end_ns - self._silence_ns, self._onset_ns)
+            silent = self._silent(self._silence_end_ns)
+            return Evidence(self._silence_end_ns - self._silence_ns, self._onset_ns, silent)
         intervals = min(len(self._times), self._size) - 1
         counted = tuple(self._counted)
         reach = self._reach(counted, len(counted) - 1, intervals) if right else 0
-        return Evidence(self._times[-1 - (reach or intervals)], None if right else self._last_good_ns())
+        since_ns = self._times[-1 - (reach or intervals)]
+        return Evidence(since_ns, None if right else self._last_good_ns(), self._measured(bool(right)))
+
+    def published_by(self, nodes: Sequence[str]) -> None:
+        """These nodes publish the topic, as far as the graph shows: said in the reading of a bad verdict."""
+        self._publishers = tuple(nodes)
+
+    def _silent(self, now_ns: int) -> Reading:
+        heard_ns = self._heard_ns if self._heard_ns is not None else self._start_ns or 0
+        told = f"0 of {self.expected.rate_hz:g} Hz for {(now_ns - heard_ns) / SECOND:.3g} s"
+        nobody = "" if self._publishers is None or self._publishers else "nobody publishes it"
+        return Reading(told, "", nobody, Symptom.SILENT)
+
+    def _measured(self, right: bool) -> Reading:
+        """Return the rate, and on which side of its band it is."""
+        f = self.rate_hz() or 0.0
+        limit = str(self.expected)
+        if right:
+            return Reading(_told(f), "Hz", limit)
+        symptom = Symptom.FAST if f >= self.expected.rate_hz else Symptom.SLOW
+        if self._publishers is not None and len(self._publishers) > 1:
+            limit += f"; publishers: {', '.join(self._publishers)}"
+            if symptom is Symptom.FAST:
+                symptom = Symptom.PUBLISHERS
+        return Reading(_told(f), "Hz", limit, symptom)
 
     @property
     def patience_s(self) -> float:
@@ -296,3 +329,8 @@ class GeneralObserver:
         variance = (n * squares - span_ns * span_ns) / (n * (n - 1)) if n > 1 else 0.0
         deviation_ns = span_ns / n - SECOND / self.expected.rate_hz
         return significant(deviation_ns, variance, n, self.expected.significance)
+
+
+def _told(f: float) -> float | str:
+    """Return a rate as people are told it: three digits will do."""
+    return float(f"{f:.3g}") if isfinite(f) else "all at once,"

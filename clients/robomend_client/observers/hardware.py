@@ -23,6 +23,7 @@ from typing import Any
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import NOTHING, Evidence, WrongKind, finite, ns, positive
 from robomend_client.observers.judgement import Judgement
+from robomend_client.readings import Reading, Symptom
 
 BOARD = "board"
 """The source whose samples are the board's channels."""
@@ -96,7 +97,9 @@ class HardwareObserver:
         self.atoms = tuple(atom for device in self._devices for atom in device.atoms)
         self.detection_s = expected.agreeing / expected.rate_hz
         judged = any(device.judged for device in self._devices)
-        self.settling_s = self.detection_s + expected.settle_s if judged else 1 / expected.rate_hz
+        # The first measurement shows that the channel is on, and from then on it settles.
+        first_s = 1 / expected.rate_hz
+        self.settling_s = first_s + (self.detection_s + expected.settle_s + first_s if judged else 0.0)
         self._settle_ns = ns(expected.settle_s)
         self._lifetime_ns = ns(expected.lifetime_s)
         self.reset(0)
@@ -140,8 +143,9 @@ class HardwareObserver:
         assert self._measured_ns is not None
         device = next(device for device in self._devices if atom in device.atoms)
         if atom.predicate == "on":
-            return Evidence(self._measured_ns, None if device.on else device.was_on_ns)
-        return device.current.evidence
+            state = Reading("on" if device.on else "off")
+            return Evidence(self._measured_ns, None if device.on else device.was_on_ns, state)
+        return device.current.evidence._replace(reading=device.reading)
 
 
 class _Device:
@@ -171,13 +175,23 @@ class _Device:
         if not on or current_a is None:  # without power, or with a sensor that fails, nothing is known of it
             self.current.reset()
         elif self.judged and time_ns - self._on_since_ns >= settle_ns:
-            self.current.add(time_ns, abs(current_a - self._expected_a) <= self._band_a)
+            good = abs(current_a - self._expected_a) <= self._band_a
+            self.current.add(time_ns, good, read=current_a)
         self.on = on
         if on:
             self.was_on_ns = time_ns
-        good = self.current.at(time_ns)
+        verdict = self.current.at(time_ns)
         switched = Literal(self.atoms[0], on)
-        return (switched,) if good is None else (switched, Literal(self.atoms[1], good))
+        return (switched,) if verdict is None else (switched, Literal(self.atoms[1], verdict))
+
+    @property
+    def reading(self) -> Reading | None:
+        """The current that the verdict rests on."""
+        read = self.current.read
+        if not isinstance(read, float):
+            return None
+        limit = f"{self._expected_a:g} ± {self._band_a:g}"
+        return Reading(read, "A", limit, Symptom.VALUE if self.current.bad else None)
 
 
 def _reading(channel: Any) -> tuple[bool, float | None]:

@@ -25,6 +25,7 @@ class Judgement:
         "_good_ns",
         "_lifetime_ns",
         "_newest_ns",
+        "_read",
         "_streak",
         "_streak_ns",
         "_times",
@@ -46,10 +47,13 @@ class Judgement:
         self._newest_ns: int | None = None
         self._good_ns: int | None = None
         self._evidence = Evidence(0)
+        self._read: dict[bool, object] = {}  # what the newest good reading was, and the newest bad one
         self._times.clear()
 
-    def add(self, time_ns: int, good: bool, since_ns: int | None = None) -> None:
-        """Take in a reading; `since_ns` is the beginning of what it was made of, where that is a span."""
+    def add(self, time_ns: int, good: bool, since_ns: int | None = None, read: object = None) -> None:
+        """Take in a reading; `since_ns` is the beginning of what it was made of, where that is a span, and
+        `read` what was read.
+        """
         times = self._times
         if good is not self._streak:
             self._streak = good
@@ -57,6 +61,7 @@ class Judgement:
             times.clear()
         times.append(time_ns if since_ns is None else since_ns)
         self._newest_ns = time_ns
+        self._read[good] = read
         if len(times) == self._agreeing and time_ns - self._streak_ns >= self._debounce_ns:
             onset_ns = None if good else self._good_ns
             self._verdict = good
@@ -84,6 +89,16 @@ class Judgement:
     def evidence(self) -> Evidence:
         """What the verdict rests on."""
         return self._evidence
+
+    @property
+    def bad(self) -> bool:
+        """Whether the verdict is bad, be it still of use or not."""
+        return self._verdict is False
+
+    @property
+    def read(self) -> object:
+        """What the newest reading was that says what the verdict does."""
+        return None if self._verdict is None else self._read.get(self._verdict)
 
     @property
     def good_ns(self) -> int | None:

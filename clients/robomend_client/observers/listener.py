@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from robomend_client.literals import Atom
 from robomend_client.observers.base import Sight
@@ -19,6 +19,9 @@ class Listener:
 
     def sight(self, now_ns: int, source: str, sight: Sight) -> None:
         """Nobody looks at a source any more, or somebody does again."""
+
+    def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:
+        """These nodes publish a source."""
 
     def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
         """Observers were told to judge anew."""

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import NOTHING, Evidence, ns, positive
+from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns, positive
+from robomend_client.readings import Reading, Symptom
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ class MultipleObserver:
         self.settling_s = expected.interval_s + expected.within_s
         self._in = in_topic
         self._within_ns = ns(expected.within_s)
+        self._limit = f"at most {expected.within_s:g}"
         self._lifetime_ns = ns(expected.lifetime_s)
         self._unasked_is_bad = expected.unasked == "bad"
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
@@ -75,6 +77,8 @@ class MultipleObserver:
 
     def reset(self, time_ns: int) -> None:
         self._asked_ns: int | None = None  # the oldest that is not answered
+        self._from_ns = time_ns
+        self._took_ns: int | None = None  # the newest answer; None: nothing was asked for it
         self._verdict: bool | None = None
         self._since_ns = self._judged_ns = time_ns
         self._good_ns: int | None = None
@@ -85,28 +89,51 @@ class MultipleObserver:
             if self._asked_ns is None:
                 self._asked_ns = time_ns
         elif self._asked_ns is not None:
-            self._judge(time_ns, time_ns - self._asked_ns <= self._within_ns, self._asked_ns)
+            self._took_ns = time_ns - self._asked_ns
+            self._judge(time_ns, self._took_ns <= self._within_ns, self._asked_ns)
             self._asked_ns = None
-        elif self._unasked_is_bad:
+        elif self._unasked_is_bad and time_ns - self._from_ns > self._within_ns:
+            # Sooner it may answer what was asked before the reset.
+            self._took_ns = None
             self._judge(time_ns, False, time_ns)
 
     def due_ns(self) -> int | None:
         if self._asked_ns is not None:
             return self._asked_ns + self._within_ns + 1
-        return None if self._verdict is None else self._judged_ns + self._lifetime_ns
+        if self._verdict is None:
+            return None
+        ends_ns = self._judged_ns + self._lifetime_ns
+        return min(ends_ns, max(self._judged_ns, self._from_ns + self._within_ns)) if self._early else ends_ns
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         if self._overdue(now_ns):
             return self._signs[False]
         if self._verdict is None or now_ns - self._judged_ns >= self._lifetime_ns:
             return NOTHING
+        if self._verdict and now_ns - self._from_ns < self._within_ns:
+            return NOTHING  # that there is no answer could not be known yet
         return self._signs[self._verdict]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         if self._overdue(now_ns):
             assert self._asked_ns is not None
-            return Evidence(self._asked_ns, self._good_ns)
-        return Evidence(self._since_ns, None if self._verdict else self._good_ns)
+            waits = f"no answer for {(now_ns - self._asked_ns) / SECOND:.3g} s"
+            return Evidence(self._asked_ns, self._good_ns, Reading(waits, "", self._limit, Symptom.SILENT))
+        if self._took_ns is None:
+            reading = Reading("an answer that nothing was asked for", symptom=Symptom.VALUE)
+        else:
+            slow = None if self._verdict else Symptom.SLOW
+            reading = Reading(round(self._took_ns / SECOND, 3), "s", self._limit, slow)
+        return Evidence(self._since_ns, None if self._verdict else self._good_ns, reading)
+
+    @property
+    def _early(self) -> bool:
+        """Whether the verdict came so soon after the reset that it is not said at once."""
+        return self._verdict is True and self._judged_ns - self._from_ns < self._within_ns
+
+    def due_after(self, now_ns: int) -> int | None:
+        times_ns = (self._from_ns + self._within_ns, self._judged_ns + self._lifetime_ns)
+        return None if self._verdict is None else min((t for t in times_ns if t > now_ns), default=None)
 
     def _overdue(self, now_ns: int) -> bool:
         return self._asked_ns is not None and now_ns - self._asked_ns > self._within_ns

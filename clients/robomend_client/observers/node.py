@@ -1,8 +1,9 @@
 """The node observer (NObs): running(n) while node n runs, not running(n) otherwise.
 
 It is fed with the names of the nodes that run; where they come from (a process table, a ROS master, DDS
-discovery) is the feeder's business. A feeder that knows that it cannot say of a node whether it runs (it is
-being started) gives a mapping from names to True, False or None.
+discovery) is the feeder's business. A feeder that knows more gives a mapping from names to True, False, None
+(it cannot be said whether it runs: it is being started), or to why it does not run:
+{"why": "exit code 1: cannot open /dev/lidar", "symptom": "ended"}.
 
 A table that is older than `lifetime_s` says nothing any more: when the feeder stops, the nodes are unknown,
 and do not run on for ever. So a feeder repeats its table, changed or not.
@@ -18,9 +19,13 @@ from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers.base import NOTHING, Evidence, WrongKind, ns, positive
+from robomend_client.readings import Reading, Symptom
 
 PROCESSES = "processes"
 """The source whose values are collections of the names of running nodes."""
+
+RUNS = Reading("runs")
+NOT_THERE = Reading("not there", symptom=Symptom.ENDED)
 
 
 @dataclass(frozen=True)
@@ -75,15 +80,19 @@ class NodeObserver:
     def reset(self, time_ns: int) -> None:
         self._said = NOTHING
         self._known: dict[str, bool | None] = {}
+        self._why: dict[str, Reading] = {}
         self._table_ns: int | None = None
         self._ran_ns: dict[str, int] = {}  # node -> the newest table that it was in
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         """The nodes in `value` run, and no others."""
         if isinstance(value, Mapping):
-            known = {node: value.get(node, False) for node in self.nodes}
+            found = {node: value.get(node, False) for node in self.nodes}
+            known = {node: False if isinstance(one, Mapping) else one for node, one in found.items()}
+            self._why = {node: _read(one) for node, one in found.items() if isinstance(one, Mapping)}
         elif isinstance(value, Collection) and not isinstance(value, str | bytes):
             known = {node: node in value for node in self.nodes}
+            self._why = {}
         else:
             raise WrongKind("a collection of the names of running nodes is", value)
         self._table_ns = time_ns
@@ -106,4 +115,14 @@ class NodeObserver:
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         assert self._table_ns is not None
         (node,) = atom.args
-        return Evidence(self._table_ns, None if self._known[node] else self._ran_ns.get(node))
+        if self._known[node]:
+            return Evidence(self._table_ns, None, RUNS)
+        return Evidence(self._table_ns, self._ran_ns.get(node), self._why.get(node, NOT_THERE))
+
+
+def _read(value: Mapping[str, Any]) -> Reading:
+    """Return why a node does not run."""
+    try:
+        return Reading(str(value["why"]), symptom=Symptom(value.get("symptom", "ended")))
+    except (KeyError, ValueError) as error:
+        raise WrongKind("why a node does not run, and ended or halted, is", value) from error

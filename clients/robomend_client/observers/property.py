@@ -24,6 +24,8 @@ from robomend_client.observers.base import number
 from robomend_client.observers.filters import Filter
 from robomend_client.observers.reading import JudgedReadings, Readings
 
+UNITS = {"board:voltage": "V", "board:current": "A"}
+
 
 @dataclass(frozen=True)
 class Band:
@@ -33,11 +35,13 @@ class Band:
         low: below it the number is bad, in the units of the source.
         high: above it the number is bad, in the units of the source.
         hysteresis: how far inside the limits it must be to be good again, in the units of the source.
+        unit: of the source, for people: V, °C.
     """
 
     low: float | None = None
     high: float | None = None
     hysteresis: float = 0.0
+    unit: str = ""
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"low": 0.1, "high": 0.3}}
 
@@ -50,6 +54,11 @@ class Band:
             raise ValueError(f"hysteresis must not be below 0, but is {self.hysteresis:g}")
         if self.low is not None and self.high is not None and 2 * self.hysteresis > self.high - self.low:
             raise ValueError("hysteresis leaves nothing of the band: it must be at most half as wide")
+
+    def __str__(self) -> str:
+        if self.low is None:
+            return f"at most {self.high:g}"
+        return f"at least {self.low:g}" if self.high is None else f"{self.low:g} to {self.high:g}"
 
     def holds(self, value: float, was_good: bool) -> bool:
         """Return whether a value is good, coming from good or bad."""
@@ -80,11 +89,14 @@ class PropertyObserver(JudgedReadings):
         interval_s = (readings or Readings()).interval_s
         self.detection_s += (smoothing.samples - 1) * interval_s
         self.settling_s = self.detection_s
+        self.limit = str(band)
+        self.unit = band.unit or next((u for begin, u in UNITS.items() if source.startswith(begin)), "")
 
     def reset(self, time_ns: int) -> None:
+        """What lies between bad and good again is what it was, also after a reset."""
         super().reset(time_ns)
-        self._filter.reset()
-        self._good = True
+        if not self.latched:
+            self._filter.reset()
 
     def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
         """See Steady: each reading by itself is good, and the last ones say all that is remembered."""
@@ -106,4 +118,4 @@ class PropertyObserver(JudgedReadings):
     def feed(self, source: str, time_ns: int, value: object) -> None:
         smooth = self._filter.add(time_ns, number(value))
         self._good = self._band.holds(smooth, self._good)
-        self._judgement.add(time_ns, self._good, self._filter.since_ns)
+        self._judgement.add(time_ns, self._good, self._filter.since_ns, smooth)

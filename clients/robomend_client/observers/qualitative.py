@@ -16,6 +16,7 @@ whenever it was asked it said const.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -23,6 +24,7 @@ from typing import Any, ClassVar
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
 from robomend_client.observers.slope import Slope
+from robomend_client.readings import Reading, Symptom
 
 DEC, CONST, INC = -1, 0, 1
 PAST_NS = -(1 << 62)
@@ -91,6 +93,7 @@ class TrendOf:
         self.now: int | None = None  # the trend
         self._upper, self._lower = self._limits[None]
         self._newest_ns = self._ends_ns = PAST_NS  # of the newest sample, and when it says nothing any more
+        self._value, self._changed_ns, self._slope = math.nan, time_ns, 0.0
         self._raw: float | None = None
         self._unwrapped = 0.0
         self._next: int | None = None  # the trend that must last, and since when it does
@@ -114,8 +117,11 @@ class TrendOf:
         if self._turn is not None:
             reading = self._unwrap(reading, self._turn)
         slope = self._add(time_ns, reading)
+        if reading != self._value:
+            self._value, self._changed_ns = reading, time_ns
         if slope is None:
             return
+        self._slope = slope
         trend = INC if slope > self._upper else DEC if slope < self._lower else CONST
         if trend == self.now:
             self._next = None
@@ -171,4 +177,8 @@ class QualitativeObserver(TrendOf):
         return NOTHING if now_ns >= self._ends_ns else self._said[self.now]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        return Evidence(self.oldest_ns)
+        if self.now == CONST and self._newest_ns - self._changed_ns >= self._window_ns // 2:
+            reading = Reading(f"stands still at {self._value:g}", symptom=Symptom.STILL)
+        else:
+            reading = Reading(float(f"{self._slope:.3g}"), "per s", f"± {self._limits[None][0]:g} is const")
+        return Evidence(self.oldest_ns, None, reading)

@@ -111,6 +111,11 @@ class Rate:
         above_hz = self.tolerance_above_hz
         return self.rate_hz + (self.tolerance_hz if above_hz is None else above_hz)
 
+    def __str__(self) -> str:
+        if self.tolerance_above_hz in (None, self.tolerance_hz):
+            return f"{self.rate_hz:g} ± {self.tolerance_hz:g}"
+        return f"{self.lowest_hz:g} to {self.highest_hz:g}"
+
     @property
     def messages(self) -> int:
         """The size of the window: of n intervals k lost ones take k of n + k, and some of it is for

