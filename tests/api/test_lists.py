@@ -17,7 +17,7 @@ from robomend.api.lists import is_list
 
 NDJSON = {"Accept": "application/x-ndjson"}
 
-REASON = 'two\nlines, \u2028 and ,"next":"x"}'
+REASON = 'a "quoted" word, \\n and ,"next":"x"}'
 
 
 @pytest.fixture(autouse=True, scope="module")

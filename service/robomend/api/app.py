@@ -97,7 +97,7 @@ Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
 def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
-    """Return the application over these parts.
+    """Return the application over these parts; its `state.edge` is what a server serves.
 
     Args:
         parts: what it works with; started already, or started by `lifespan`.
@@ -126,7 +126,8 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         app.router.routes.extend(module.router.routes)
     busiest = next(route for route in routes(app) if route.endpoint is observations.post_observations)
     express = Express(parts, app.state.gate, busiest)
-    app.add_middleware(Edge, metrics=parts.metrics, express=express, shedding=parts.shedding)
+    # Around all of it, and not among the framework's layers, each of which passes every message on.
+    app.state.edge = Edge(app, metrics=parts.metrics, express=express, shedding=parts.shedding)
     default_openapi = app.openapi
     document: dict[str, Any] = {}
 
@@ -139,7 +140,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     return app
 
 
-def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
+def create_control_app(parts: Parts, gate: Admitter) -> Edge:
     """Return what the control lane answers with: the same routes for the stop, health and readiness.
 
     Args:
@@ -152,8 +153,7 @@ def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
     for route in (*control.router.routes, *operation.router.routes):
         if isinstance(route, APIRoute) and route.path in CONTROLLED:
             app.router.routes.append(route)
-    app.add_middleware(Edge, metrics=parts.metrics, express=None, shedding=None, once=True)
-    return app
+    return Edge(app, metrics=parts.metrics, express=None, shedding=None, once=True)
 
 
 def routes(app: FastAPI) -> list[APIRoute]:

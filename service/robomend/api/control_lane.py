@@ -34,7 +34,7 @@ from typing import cast
 
 import structlog
 import uvicorn
-from fastapi import FastAPI
+from starlette.types import ASGIApp
 from uvicorn.server import ServerState
 
 from robomend.api.problems import Problem
@@ -105,7 +105,7 @@ class ControlLane:
 
     def __init__(
         self,
-        app: FastAPI,
+        app: ASGIApp,
         settings: Settings,
         listener: socket.socket,
         hand_over: Callable[[socket.socket], None],

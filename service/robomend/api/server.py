@@ -155,7 +155,7 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
     """Return a server for the settings; `ready` is called with its URL once it listens."""
     settings = runtime.settings
     config = uvicorn.Config(
-        runtime.app,
+        runtime.app.state.edge,
         http=limited(settings.max_head_bytes, settings.head_timeout_s),
         h11_max_incomplete_event_size=settings.max_head_bytes,
         loop="auto",
