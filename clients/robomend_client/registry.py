@@ -16,10 +16,13 @@ Another distribution adds one by a line in its pyproject.toml; our own names can
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar, cast
+from importlib import import_module
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from robomend_client.near import did_you_mean
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 
@@ -80,16 +83,17 @@ class Registry(Generic[T]):
         """
         if name not in self._loaded:
             entry = self._entry(name)
+            value = entry if isinstance(entry, str) else entry.value
             try:
-                self._loaded[name] = cast(T, entry.load())
+                self._loaded[name] = cast(T, _found(value) if isinstance(entry, str) else entry.load())
             except Exception as error:  # the module of a third party may raise anything
-                what = f"{self.what} {name!r} ({entry.value})"
+                what = f"{self.what} {name!r} ({value})"
                 raise self._broken(f"{what} could not be loaded: {error}") from error
         return self._loaded[name]
 
-    def _entry(self, name: str) -> EntryPoint:
+    def _entry(self, name: str) -> EntryPoint | str:
         if name in self.built_in:
-            return EntryPoint(name, self.built_in[name], self.group or "")
+            return self.built_in[name]
         others = self._others()
         if name not in others:
             names = (*self._beside, *self.names())
@@ -101,5 +105,13 @@ class Registry(Generic[T]):
         """Return the parts of other distributions; of two with one name, that of the first on the path."""
         if self.group is None:
             return {}
+        from importlib.metadata import entry_points  # takes longer than all that a worker needs besides
+
         points = reversed(tuple(entry_points(group=self.group)))
         return {point.name: point for point in points if point.name not in self.built_in}
+
+
+def _found(value: str) -> object:
+    """Return what `module:attribute` names."""
+    module, _, attribute = value.partition(":")
+    return getattr(import_module(module), attribute)
