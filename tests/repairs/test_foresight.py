@@ -13,6 +13,7 @@ from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
 from robomend.repairs.offers import offers_if_all
 from robomend.robots.batches import Batch
+from robomend.robots.declared import Declaration, DeclaredAgents
 from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
@@ -286,3 +287,19 @@ async def act(robot: Robot, note: str = "", host: str | None = None, **says: Any
             robot.done.append(f"{note}{orders['name']}({parameter})")
             await robot.report()
             await robot.repairs.result(orders["id"], code=0, message="", by=Reporter("robot"))
+
+
+def test_what_agents_can_do_changes_with_what_was_not_said_before() -> None:
+    agents, can = DeclaredAgents(), frozenset({"start_node"})
+    seen = []
+    for said in (
+        Declaration("a", "pc", can),
+        Declaration("a", "pc", can),
+        Declaration("a", "arm", can),  # another of its name
+        Declaration("a", "pc", can),
+        Declaration("a", "arm", can),
+        Declaration("a", "pc", can | {"stop_node"}),
+    ):
+        agents.hear(said)
+        seen.append(agents.changes)
+    assert seen == [1, 1, 2, 2, 2, 3]

@@ -48,10 +48,11 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents", "_began_s", "_moves", "changes")
+    __slots__ = ("_agents", "_began_s", "_moves", "_said", "changes")
 
     def __init__(self) -> None:
         self.changes = 0  # grows when what the agents can do changes
+        self._said: OrderedDict[tuple[str, str | None, frozenset[str] | None], None] = OrderedDict()
         # To another host, when.
         self._moves: OrderedDict[str, deque[tuple[str | None, float]]] = OrderedDict()
         self._began_s = time.monotonic()
@@ -59,15 +60,18 @@ class DeclaredAgents:
 
     def hear(self, declaration: Declaration) -> None:
         """An agent polls."""
-        before, heard_s = self._agents.pop(declaration.agent, (None, 0.0))
+        before, _ = self._agents.pop(declaration.agent, (None, 0.0))
         if before is not None and before.host != declaration.host:
             moves = self._moves.setdefault(declaration.agent, deque(maxlen=2))
             moves.append((declaration.host, time.monotonic()))
             while len(self._moves) > MOST_AGENTS:
                 self._moves.popitem(last=False)
-        away = time.monotonic() - heard_s >= HEARD_S
-        if before is None or away or (before.host, before.can) != (declaration.host, declaration.can):
+        says = (declaration.agent, declaration.host, declaration.can)
+        if says not in self._said:  # two agents of one name say in turns what both have said before
             self.changes += 1
+            self._said[says] = None
+            while len(self._said) > MOST_AGENTS:
+                self._said.popitem(last=False)
         self._agents[declaration.agent] = (declaration, time.monotonic())
         while len(self._agents) > MOST_AGENTS:
             self._agents.popitem(last=False)
