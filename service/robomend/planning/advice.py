@@ -22,7 +22,7 @@ from robomend.model.system import System
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
 from robomend.planning.partial import helpful
 from robomend.planning.plan import Plan
-from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading, unbroken_fits
+from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading, unbroken_fits, weights
 from robomend_client.literals import Atom, Literal
 
 
@@ -63,6 +63,14 @@ class Situation:
             patience=self.patience,
         )
         return tuple(found)
+
+    @property
+    def suspects(self) -> list[tuple[Diagnosis, float]]:
+        """The leading diagnoses with their weights, by what was tried."""
+        found = self.leading
+        fits = self._fits(found)
+        weighed = weights(found, self.tried, fits=fits, now_ns=self.now_ns, patience=self.patience)
+        return list(zip(found, weighed, strict=True))
 
     def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
         """Return how well OBS fits each, as far as their probabilities do not have it in them."""
