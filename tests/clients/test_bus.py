@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from robomend_client.agent import broker as broker_module
 from robomend_client.agent.broker import MOST_CLIENTS, Broker, Tap
 from robomend_client.bus import LONGEST_LINE, Bus, BusGone, parse_address
-from robomend_client.observers import Sight
+from robomend_client.observers import Contact
 
 Heard = list[tuple[str, object]]
 
@@ -193,7 +193,7 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
     async def test() -> None:
         heard: Heard = []
         address = f"unix:{tmp_path}/bus"
-        seen: list[Sight] = []
+        seen: list[Contact] = []
         tap = Tap(address, ["scan"], lambda message: heard.append((message.topic, message.data)), seen.append)
         listening = asyncio.create_task(tap.run())
         for number in range(2):
@@ -203,8 +203,8 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
             talker = await connect(broker)
             talker.publish("scan", number)
             await until(lambda number=number: ("scan", number) in heard)  # type: ignore[misc]  # as above
-            assert seen[0] is Sight.LOST
-            assert seen[-1] is Sight.BACK
+            assert seen[0] is Contact.LOST
+            assert seen[-1] is Contact.BACK
             talker.close()
             await broker.close()
         listening.cancel()

@@ -50,7 +50,8 @@ async def test_nothing_is_sent_before_the_robot_is_seen_parked_and_then_it_is_re
         robot.cut("base")
         first = await the_repair(runtime)
         assert (first["state"], robot.done) == ("escalated", [])
-        assert first["reason"] == f"act_when of the model, `ok(parked)`, is not what is observed: {said}"
+        why = f"act_when of the model, `ok(parked)`, is not what is observed: {said}"
+        assert first["reason"] == f"{why}; suspected: base"
         robot.parked = True
         async with asyncio.timeout(60):
             while (second := await the_repair(runtime))["id"] == first["id"]:

@@ -410,7 +410,7 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
         while (second := await the_repair(runtime))["id"] == first["id"]:
             await asyncio.sleep(0.02)
     assert first["state"] == "failed"
-    assert first["reason"] == "an error in robomend: ZeroDivisionError: division by zero"
+    assert first["reason"] == "an error in robomend: ZeroDivisionError: division by zero; suspected: base"
     assert second["state"] == "repaired"
 
 

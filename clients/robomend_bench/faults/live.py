@@ -30,7 +30,7 @@ from robomend_bench.faults.robot import Robot
 from robomend_client.actions import ActionResult
 from robomend_client.events import Event, Kind
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers import Change, Sight
+from robomend_client.observers import Change, Contact
 from robomend_client.rest.asynchronous import AsyncClient
 
 Clock = Callable[[], float]
@@ -236,7 +236,7 @@ class LiveRobot:
         (self._unheard.add if begins else self._unheard.discard)(host)
         for agent in self.agents:
             if BRIDGES_SAY_SO and agent.host == host and agent.observers is not None:
-                agent.observers.look(Sight.LOST if begins else Sight.BACK, self._clock())
+                agent.observers.look(Contact.LOST if begins else Contact.BACK, self._clock())
 
     def resume(self, host: str | None) -> None:
         """It goes on; what has waited arrives now."""

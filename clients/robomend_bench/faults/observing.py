@@ -23,13 +23,13 @@ from robomend_client.observers import (
     PROCESSES,
     SECOND,
     Change,
+    Contact,
     Driver,
     Evidence,
     GeneralObserver,
     NodeObserver,
     Observer,
     Rate,
-    Sight,
     Verdict,
 )
 from robomend_client.observers.kinds import ObserverSpec, read_observers
@@ -205,7 +205,7 @@ class HostObservers:
         self._drained_ns = self._table_ns = self._ns(until_s + DRAIN_S)
         self._changes += self.driver.lapse(self._drained_ns)
 
-    def look(self, sight: Sight, now_s: float) -> None:
+    def look(self, sight: Contact, now_s: float) -> None:
         """The bridge stops looking at its topics, or looks at them again."""
         for topic in self.topics:
             for source, _ in self._fields[topic]:

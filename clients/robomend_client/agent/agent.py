@@ -34,7 +34,7 @@ from robomend_client.agent.watch import Watch
 from robomend_client.beats import until_beat_s
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
-from robomend_client.observers import PROCESSES, Change, Sight
+from robomend_client.observers import PROCESSES, Change, Contact
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
@@ -224,7 +224,7 @@ async def _fed(feed: Feed, sources: Collection[str], watch: Watch) -> None:
         await feed.run(watch.sample)
     except Exception:  # a feed may be anybody's
         log.exception("the feed %s failed", type(feed).__name__)
-    watch.look(sources, Sight.LOST)
+    watch.look(sources, Contact.LOST)
 
 
 async def _until(stop: asyncio.Event, tasks: list[asyncio.Task[None]]) -> None:

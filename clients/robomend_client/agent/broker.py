@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.bus import LONGEST_LINE, parse_address
-from robomend_client.observers import Sight
+from robomend_client.observers import Contact
 from robomend_client.python310 import end, timeout
 
 log = logging.getLogger(__name__)
@@ -269,7 +269,7 @@ class Tap:
     """Listens in on the bus of another agent, and comes back when it was lost."""
 
     def __init__(
-        self, address: str, topics: list[str], on_message: OnMessage, on_sight: Callable[[Sight], None]
+        self, address: str, topics: list[str], on_message: OnMessage, on_sight: Callable[[Contact], None]
     ) -> None:
         """`on_sight` is told when the bus is heard no more, and when it is again."""
         self.address = address
@@ -301,7 +301,7 @@ class Tap:
     def _see(self, hears: bool) -> None:
         if hears is not self._hears:
             self._hears = hears
-            self._on_sight(Sight.BACK if hears else Sight.LOST)
+            self._on_sight(Contact.BACK if hears else Contact.LOST)
 
     async def _listen(self) -> None:
         where = parse_address(self.address)

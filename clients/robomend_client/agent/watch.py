@@ -23,7 +23,7 @@ from robomend_client.agent.feeds import Reads
 from robomend_client.beats import BEAT_NS
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
-from robomend_client.observers import SECOND, Change, Driver, Observer, Sight, Verdict, ns
+from robomend_client.observers import SECOND, Change, Contact, Driver, Observer, Verdict, ns
 from robomend_client.observers.recording import Recording
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class Watch:
         """Have a feed deliver what came by now before anything is judged; `sources` are what it feeds."""
         self._readers[reader] = frozenset(sources)
 
-    def look(self, sources: Iterable[str], sight: Sight) -> None:
+    def look(self, sources: Iterable[str], sight: Contact) -> None:
         """A feed has stopped looking at these sources, or looks at them again."""
         for source in sources:
             self.sample(source, sight)
@@ -120,7 +120,7 @@ class Watch:
             except Exception:  # a feed may be anybody's
                 log.exception("the feed %s failed, and is not read any more", type(reader).__name__)
                 del self._readers[reader]
-                self.look(sources, Sight.LOST)
+                self.look(sources, Contact.LOST)
         self._gathered = None
         now_ns = self._look()
         gathered.sort(key=itemgetter(0))

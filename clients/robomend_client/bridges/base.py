@@ -12,7 +12,7 @@ from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.telling import Telling, ToldTopic
-from robomend_client.observers import Change, Sight
+from robomend_client.observers import Change, Contact
 from robomend_client.yaml_reader import Section
 
 NODES, DIAGNOSTICS = "nodes", "diagnostics"
@@ -84,13 +84,13 @@ class RosBridge(ABC):
         """
         now = frozenset(unseen)
         for topic in now - self._unseen:
-            self._tell_sight(topic, Sight.LOST)
+            self._tell_sight(topic, Contact.LOST)
         read()
         for topic in self._unseen - now:
-            self._tell_sight(topic, Sight.BACK)
+            self._tell_sight(topic, Contact.BACK)
         self._unseen = now
 
-    def _tell_sight(self, topic: str, sight: Sight) -> None:
+    def _tell_sight(self, topic: str, sight: Contact) -> None:
         if self._deliver is not None:
             for source, _ in self._topics.get(topic, ()):
                 self._deliver(source, sight, None)

@@ -11,7 +11,7 @@ from robomend_client.agent.feeds import AgentParts, Deliver
 from robomend_client.bridges.fields import MissingField
 from robomend_client.bridges.measured import is_board, measured, row_of
 from robomend_client.bridges.problems import Problems
-from robomend_client.observers import BOARD, Change, Sight
+from robomend_client.observers import BOARD, Change, Contact
 from robomend_client.python310 import end
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
@@ -76,7 +76,7 @@ class ServiceBoard:
         if sees is not self._sees:
             self._sees = sees
             for source in self._sources:
-                deliver(source, Sight.BACK if sees else Sight.LOST, None)
+                deliver(source, Contact.BACK if sees else Contact.LOST, None)
 
     def _hand_on(self, time_ns: int, channels: Sequence[Mapping[str, Any]], deliver: Deliver) -> None:
         """Deliver a measurement that is new."""
@@ -86,7 +86,7 @@ class ServiceBoard:
         self._handed_on = time_ns, bool(rows)
         for source in self._sources:
             if not rows:
-                deliver(source, None if source == BOARD else Sight.LOST, None)
+                deliver(source, None if source == BOARD else Contact.LOST, None)
                 continue
             try:
                 value = measured(source, rows)

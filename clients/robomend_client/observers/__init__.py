@@ -20,11 +20,11 @@ reading.py             the base of observers that judge one reading at a time, o
 
 from robomend_client.observers.base import (
     SECOND,
+    Contact,
     Evidence,
     NoNumber,
     Observer,
     Publishers,
-    Sight,
     Verdict,
     ns,
     number,
@@ -54,6 +54,7 @@ __all__ = [
     "BinaryQualitativeObserver",
     "BoardReadings",
     "Change",
+    "Contact",
     "DiagnosticObserver",
     "Driver",
     "Evidence",
@@ -74,7 +75,6 @@ __all__ = [
     "Rate",
     "ReadingObserver",
     "Readings",
-    "Sight",
     "Table",
     "Trend",
     "Verdict",

@@ -55,7 +55,7 @@ def ns(seconds: float) -> int:
     return round(seconds * SECOND)
 
 
-class Sight(Enum):
+class Contact(Enum):
     """Delivered in place of a sample: whether anybody looks at its source.
 
     What does not come while nobody looks is no silence. Observers of the source judge anew.

@@ -18,7 +18,7 @@ times. The rules that make it so:
   judged again, with its old evidence, at most for their settling time. Where lapses keep them from judging
   again and again, that time counts on, up to three times as long; then their atoms are unknown. After a
   lapse of three settling times they are unknown at once.
-- So it is with what a feed did not look at (`Sight`): only that source's observers judge anew. While nobody
+- So it is with what a feed did not look at (`Contact`): only that source's observers judge anew. While nobody
   looks (LOST) none of them is asked, and after a second their atoms are unknown.
 - In a log, a jump of time of more than JUMP_NS is believed once the next sample confirms it: a stamp from the
   future alone is left out and counted. Back, it means that the log begins again, or the simulation: all
@@ -44,11 +44,11 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from robomend_client.literals import Atom
 from robomend_client.observers.base import (
     SECOND,
+    Contact,
     NoNumber,
     Observer,
     Published,
     Publishers,
-    Sight,
     Verdict,
     WrongKind,
 )
@@ -137,7 +137,7 @@ class Driver:
             route = self._routes[source]
         except KeyError:
             return ()
-        if type(value) is Sight:
+        if type(value) is Contact:
             return self.look(source, value, time_ns if now_ns is None else now_ns)
         if type(value) is Publishers:
             return self.publishers(source, value.nodes, time_ns if now_ns is None else now_ns)
@@ -168,7 +168,7 @@ class Driver:
         if self._listener is not None:
             self._listener.sample(source, time_ns, value, now_ns)
         if route.lost_ns is not None and time_ns >= route.lost_ns:
-            changes = [*changes, *self._looked(route, source, Sight.BACK)]
+            changes = [*changes, *self._looked(route, source, Contact.BACK)]
         for state in route.states:
             if time_ns < state.floor_ns or state.blind:
                 continue  # from before the reset: what it tells is not young enough
@@ -263,10 +263,10 @@ class Driver:
                 self._ticks.schedule(state, after(until_ns, GRID_NS))
         return self._combined.changes(touched, self.now_ns)
 
-    def look(self, source: str, sight: Sight, now_ns: int) -> Sequence[Change]:
+    def look(self, source: str, sight: Contact, now_ns: int) -> Sequence[Change]:
         """Say that nobody looks at a source from now on, or that somebody does again."""
         route = self._routes.get(source)
-        if route is None or (sight is Sight.LOST and route.lost_ns is not None):
+        if route is None or (sight is Contact.LOST and route.lost_ns is not None):
             return ()
         changes = self.advance(now_ns)
         if self._listener is not None:
@@ -335,12 +335,12 @@ class Driver:
             changes += self.restart(time_ns)
         return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
 
-    def _looked(self, route: _Route, source: str, sight: Sight) -> Sequence[Change]:
+    def _looked(self, route: _Route, source: str, sight: Contact) -> Sequence[Change]:
         """Have the observers of a source judge anew, once somebody looks at all that they need."""
         touched: dict[Atom, None] = {}
-        route.lost_ns = self.now_ns if sight is Sight.LOST else None
+        route.lost_ns = self.now_ns if sight is Contact.LOST else None
         for state in route.states:
-            if sight is Sight.LOST:
+            if sight is Contact.LOST:
                 self._refresh(state)  # what stands until then stands on its newest evidence
                 state.blind.add(source)
             else:

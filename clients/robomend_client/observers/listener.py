@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import Sight
+from robomend_client.observers.base import Contact
 
 
 class Listener:
@@ -17,7 +17,7 @@ class Listener:
     def lapse(self, now_ns: int, until_ns: int) -> None:
         """Nobody looks until then."""
 
-    def sight(self, now_ns: int, source: str, sight: Sight) -> None:
+    def sight(self, now_ns: int, source: str, sight: Contact) -> None:
         """Nobody looks at a source any more, or somebody does again."""
 
     def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:

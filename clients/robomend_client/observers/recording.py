@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import Sight
+from robomend_client.observers.base import Contact
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.listener import Listener
@@ -47,7 +47,7 @@ class Recording(Listener):
     def lapse(self, now_ns: int, until_ns: int) -> None:
         self._write({"lapse": until_ns, "at": now_ns})
 
-    def sight(self, now_ns: int, source: str, sight: Sight) -> None:
+    def sight(self, now_ns: int, source: str, sight: Contact) -> None:
         self._write({"sight": sight.value, "of": source, "at": now_ns})
 
     def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:
@@ -124,7 +124,7 @@ def replay_line(driver: Driver, line: dict[str, Any]) -> Iterator[Change]:
     if "lapse" in line:
         yield from driver.lapse(line["lapse"])
     elif "sight" in line:
-        yield from driver.look(line["of"], Sight(line["sight"]), line["at"])
+        yield from driver.look(line["of"], Contact(line["sight"]), line["at"])
     elif "publishers" in line:
         yield from driver.publishers(line["of"], line["publishers"], line["at"])
     elif "settle" in line:

@@ -32,6 +32,7 @@ from robomend.planning.tried import (
     interruptions,
     leading,
     unbroken_fits,
+    weights,
 )
 from robomend_client.literals import Atom, Literal
 from robomend_client.readings import Symptom
@@ -100,6 +101,14 @@ class Situation:
             patience=self.patience,
         )
         return tuple(found)
+
+    @property
+    def suspects(self) -> list[tuple[Diagnosis, float]]:
+        """The leading diagnoses with their weights, by what was tried."""
+        found = self.leading
+        fits = self._fits(found)
+        weighed = weights(found, self.tried, fits=fits, now_ns=self.now_ns, patience=self.patience)
+        return list(zip(found, weighed, strict=True))
 
     def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
         """Return how well OBS fits each, as far as their probabilities do not have it in them."""

@@ -31,7 +31,7 @@ Source: D. Heckerman, J. Breese, K. Rommelse. Decision-theoretic troubleshooting
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import mul
 
@@ -389,9 +389,17 @@ def _suspects(weighed: Sequence[Alternative]) -> str:
     """Name what is most suspected, where what was done has told the suspects apart: there a person begins."""
     if len(weighed) < 2 or not any(one.failures for one in weighed):
         return ""
-    by_weight = sorted(weighed, key=lambda one: -one.weight)[:TOLD]
-    named = (f"{' and '.join(one.diagnosis.bad)} (weight {one.weight:.2g})" for one in by_weight)
-    return f"; suspected most: {', '.join(named)}"
+    return f"; {suspected_most((one.diagnosis, one.weight) for one in weighed)}"
+
+
+SUSPECTED = "suspected most: "
+
+
+def suspected_most(weighed: Iterable[tuple[Diagnosis, float]]) -> str:
+    """Name the most probable of some diagnoses with their weights."""
+    by_weight = sorted(weighed, key=lambda one: -one[1])[:TOLD]
+    named = (f"{' and '.join(diagnosis.bad)} (weight {weight:.2g})" for diagnosis, weight in by_weight)
+    return f"{SUSPECTED}{', '.join(named)}"
 
 
 def _why_unplanned(one: Candidate) -> tuple[str, ...]:

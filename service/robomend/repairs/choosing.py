@@ -24,7 +24,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
-from robomend.planning.choice import Choice
+from robomend.planning.choice import Choice, suspected_most
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
@@ -205,20 +205,9 @@ class Chooser:
         if learned:
             nodes = {n: replace(node, reconnects=True) for n, node in parts.nodes.items() if n in learned}
             parts = replace(parts, nodes={**parts.nodes, **nodes})
-        situation = Situation(
-            parts,
-            (*(state.sight.vouched() if literals is None else literals), *unknown(state, left_off)),
-            result,
-            memory.tried,
-            now_ns=time.time_ns(),
-            patience=self.patience_with(state),
-            cnf=state.system.cnf,
-            loops=state.system.loops,
-            onsets=state.sight.onsets(),
-            surely_broken=memory.surely_broken,
-            relapses=len(memory.relapses),
-            symptoms=state.sight.kinds(),
-            power_back=state.sight.power_back,
+        known = state.sight.vouched() if literals is None else literals
+        situation = replace(
+            self._situation(state, parts, result, memory, (*known, *unknown(state, left_off))),
             asking=frozenset(n for n in names if policy.actions.get(n, policy.mode) is Mode.APPROVE),
         )
         options = PlanOptions(
@@ -247,6 +236,43 @@ class Chooser:
         if looks and len(situation.leading) > 1:
             situation = replace(situation, probes=await self._probes(state))
         return lasting(situation.decide(plans), result, memory, situation)
+
+    def _situation(
+        self,
+        state: Robot,
+        parts: ComponentModel,
+        result: DiagnosisResult,
+        memory: Remembered,
+        observed: tuple[Literal, ...],
+    ) -> Situation:
+        return Situation(
+            parts,
+            observed,
+            result,
+            memory.tried,
+            now_ns=time.time_ns(),
+            patience=self.patience_with(state),
+            cnf=state.system.cnf,
+            loops=state.system.loops,
+            onsets=state.sight.onsets(),
+            surely_broken=memory.surely_broken,
+            relapses=len(memory.relapses),
+            symptoms=state.sight.kinds(),
+            power_back=state.sight.power_back,
+        )
+
+    async def suspects(self, state: Robot, told: str) -> str:
+        """Name who is suspected now, by weight; nothing where nobody is, or the only one is told of."""
+        answer = None if state.current is None else state.current.answer
+        result = None if answer is None else answer.result
+        if result is None or result.healthy or not result.diagnoses or state.system.parts is None:
+            return ""
+        if len(result.diagnoses) == 1:
+            bad = result.diagnoses[0].bad
+            return "" if all(name in told for name in bad) else f"suspected: {' and '.join(bad)}"
+        memory = await self.remembered(state, result)
+        known = state.sight.vouched()
+        return suspected_most(self._situation(state, state.system.parts, result, memory, known).suspects)
 
     async def _plans(
         self,

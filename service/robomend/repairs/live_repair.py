@@ -188,7 +188,8 @@ class LiveRepair:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
             found = self._permission.at_once(found)
-            assert found.plan is not None and found.diagnosis is not None
+            assert found.plan is not None
+            assert found.diagnosis is not None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
             self._judged = by_evidence(found.plan, found.diagnosis.bad)
             entries = self._state.sight.entries()

@@ -249,6 +249,9 @@ class RobotRepairs:
         """Close the repair, and note what it gave up on and what it leaves to ask."""
         signals = self._signals
         left = await entry.left_open(state, reason)
+        if end in {RepairTrigger.NEEDS_PERSON, RepairTrigger.BROKE} and "suspect" not in reason:
+            told = await self._needs.chooser.suspects(state, reason)  # there a person begins
+            reason += f"; {told}" if told else ""
         question = None if declined else left.question(reason) or record.data.get("question")
         if left.in_doubt:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"

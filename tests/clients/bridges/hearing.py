@@ -12,7 +12,7 @@ from typing import Any
 from tests.waiting import eventually
 
 from robomend_client.agent.feeds import load_feed
-from robomend_client.observers import Sight
+from robomend_client.observers import Contact
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import read
 
@@ -22,7 +22,7 @@ class Heard:
 
     def __init__(self) -> None:
         self.values: dict[str, list[Any]] = {}
-        self.sights: dict[str, list[Sight]] = {}
+        self.sights: dict[str, list[Contact]] = {}
         self.log: list[str] = []
         self.task: asyncio.Task[None] | None = None
         self.listener: Callable[[str, object, int | None], None] | None = None  # hears it all, too
@@ -30,14 +30,14 @@ class Heard:
     def deliver(self, source: str, value: object, time_ns: int | None) -> None:
         if self.listener is not None:
             self.listener(source, value, time_ns)
-        if isinstance(value, Sight):
+        if isinstance(value, Contact):
             self.sights.setdefault(source, []).append(value)
         else:
             self.values.setdefault(source, []).append(value)
 
     def sees(self, source: str) -> bool:
         """Return whether somebody looks at a source, as far as the bridge has said."""
-        return self.sights.get(source, [Sight.BACK])[-1] is Sight.BACK
+        return self.sights.get(source, [Contact.BACK])[-1] is Contact.BACK
 
     def count(self, source: str) -> int:
         return len(self.values.get(source, ()))

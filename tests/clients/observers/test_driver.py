@@ -17,6 +17,7 @@ from robomend_client.observers import (
     Band,
     BinaryQualitativeObserver,
     Change,
+    Contact,
     Driver,
     FunctionObserver,
     GeneralObserver,
@@ -26,7 +27,6 @@ from robomend_client.observers import (
     PropertyObserver,
     QualitativeObserver,
     Rate,
-    Sight,
     Table,
     Trend,
     Verdict,
@@ -377,22 +377,22 @@ def test_what_a_feed_does_not_look_at_is_unknown_after_a_second_and_never_silent
     for k in range(20):
         for topic in ("scan", "odom"):
             driver.sample(topic, ns(k / 10), now_ns=ns(k / 10))
-    assert driver.sample("scan", ns(1.95), Sight.LOST, ns(1.95)) == []
+    assert driver.sample("scan", ns(1.95), Contact.LOST, ns(1.95)) == []
     changes = [*driver.advance(ns(60))]
     odom = Atom("ok", ("odom",))
     assert [(c.atom, c.value) for c in changes] == [(odom, -Literal(odom)), (SCAN, None)]
     assert ns(2.9) < changes[1].time_ns < ns(3.1)
-    assert driver.sample("scan", ns(61), Sight.LOST, ns(61)) == ()  # it is known
-    driver.sample("scan", ns(62), Sight.BACK, ns(62))
+    assert driver.sample("scan", ns(61), Contact.LOST, ns(61)) == ()  # it is known
+    driver.sample("scan", ns(62), Contact.BACK, ns(62))
     assert values(beat(driver, "scan", 62.1, 20)) == ["ok(scan)"]
 
 
 def test_of_what_a_feed_looks_at_again_silence_counts_from_then() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)
-    driver.sample("scan", ns(2), Sight.LOST, ns(2))
+    driver.sample("scan", ns(2), Contact.LOST, ns(2))
     driver.advance(ns(30))
-    driver.sample("scan", ns(30), Sight.BACK, ns(30))
+    driver.sample("scan", ns(30), Contact.BACK, ns(30))
     (silent,) = driver.advance(ns(31))
     assert (silent.time_ns, silent.value, silent.since_ns) == (ns(30.5), fails("ok", "scan"), ns(30))
 
@@ -400,7 +400,7 @@ def test_of_what_a_feed_looks_at_again_silence_counts_from_then() -> None:
 def test_a_feed_that_was_away_for_a_moment_changes_no_verdict() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)
-    driver.sample("scan", ns(2), Sight.LOST, ns(2))
+    driver.sample("scan", ns(2), Contact.LOST, ns(2))
     assert driver.advance(ns(2.7)) == []
     assert values(beat(driver, "scan", 2.7, 20)) == []  # a sample shows that somebody looks
     assert driver.standing()[0].since_ns >= ns(2.7)
@@ -409,17 +409,17 @@ def test_a_feed_that_was_away_for_a_moment_changes_no_verdict() -> None:
 def test_time_that_nobody_looked_at_and_that_is_told_afterwards_is_no_silence() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)
-    assert driver.sample("scan", ns(2.3), Sight.BACK, ns(2.3)) == []
+    assert driver.sample("scan", ns(2.3), Contact.BACK, ns(2.3)) == []
     assert driver.advance(ns(2.75)) == []
     assert values(driver.advance(ns(3))) == ["not ok(scan)"]
 
 
 def test_an_observer_of_two_sources_needs_both_of_them() -> None:
     driver = Driver([BinaryQualitativeObserver("matched(x,y)", "a:x", "a:y")], 0)
-    driver.sample("a:y", 0, Sight.LOST, 0)
+    driver.sample("a:y", 0, Contact.LOST, 0)
     for k in range(200):
         assert driver.sample("a:x", ns(k / 10), 1.0, ns(k / 10)) in ((), [])
-    driver.sample("a:y", ns(20), Sight.BACK, ns(20))
+    driver.sample("a:y", ns(20), Contact.BACK, ns(20))
     changes = [c for k in range(200, 300) for s in ("a:x", "a:y")
                for c in driver.sample(s, ns(k / 10), 1.0, ns(k / 10))]  # fmt: skip
     assert values(changes) == ["matched(x,y)"]
@@ -428,7 +428,7 @@ def test_an_observer_of_two_sources_needs_both_of_them() -> None:
 def test_who_asks_for_a_verdict_of_what_nobody_looks_at_hears_that_there_is_none() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)
-    driver.sample("scan", ns(2), Sight.LOST, ns(2))
+    driver.sample("scan", ns(2), Contact.LOST, ns(2))
     driver.advance(ns(5))
     driver.settle(7, [SCAN])
     assert [(c.value, c.settled) for c in driver.advance(ns(20))] == [(None, 7)]

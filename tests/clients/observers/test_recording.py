@@ -14,11 +14,11 @@ from robomend_client.literals import Atom
 from robomend_client.observers import (
     PROCESSES,
     Change,
+    Contact,
     Driver,
     GeneralObserver,
     NodeObserver,
     Rate,
-    Sight,
     Table,
     ns,
 )
@@ -88,7 +88,7 @@ def test_a_recording_replayed_gives_the_same_literals_at_the_same_times(
             live += driver.lapse(now_ns)
         elif what in ("lost", "back"):
             source = ("scan", "odom", PROCESSES)[behind_ms % 3]
-            live += driver.sample(source, now_ns, Sight(what), now_ns)
+            live += driver.sample(source, now_ns, Contact(what), now_ns)
         else:
             value = {"said": behind_ms % 3 > 0, PROCESSES: frozenset("n" * (behind_ms % 2))}.get(what)
             live += driver.sample(what, now_ns - behind_ms * 1_000_000, value, now_ns)

@@ -26,7 +26,7 @@ from robomend_client.bridges.medkit.faults import (
 )
 from robomend_client.bridges.medkit.gateway import Gateway, NoGateway
 from robomend_client.bridges.problems import Problems
-from robomend_client.observers import Sight
+from robomend_client.observers import Contact
 from robomend_client.python310 import end
 from robomend_client.rest.sse import EventDecoder
 from robomend_client.yaml_reader import Section
@@ -127,7 +127,7 @@ class Medkit:
         if sees is not self._sees:
             self._sees = sees
             for source in self._sources:
-                deliver(source, Sight.BACK if sees else Sight.LOST, None)
+                deliver(source, Contact.BACK if sees else Contact.LOST, None)
 
     async def _list(self, gateway: Gateway) -> list[Any]:
         """Return the active faults, of a moment after which no event has come, if there is one."""
