@@ -44,8 +44,8 @@ NEEDS = {
 """The modules that come with it."""
 
 Deliver = Callable[[str, object, "int | None"], None]
-"""Called with source, value, and when the sample was made (None: now). With a Contact as the value: whether the
-feed looks at that source; what does not come while it does not is no silence."""
+"""Called with source, value, and when the sample was made (None: now). With a Contact as the value: whether
+the feed looks at that source; what does not come while it does not is no silence."""
 
 
 class Feed(Protocol):
