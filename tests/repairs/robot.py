@@ -27,6 +27,7 @@ from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store
+from robomend_client.readings import Reading, Symptom
 
 MODEL = """
 robomend: 1
@@ -98,6 +99,7 @@ class Robot:
     broken_topics: set[str] = field(default_factory=set)
     silent: bool = False
     message: str = ""  # of its next result
+    kinds: dict[str, Symptom] = field(default_factory=dict)  # atom -> in which way it is bad, when it is
     id: str = "r1"
 
     def cut(self, device: str) -> None:
@@ -133,7 +135,9 @@ class Robot:
         if not self.silent:
             sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
             since = (now_ns,) * len(sentences)  # it knows what is so now, and rests on nothing older
-            batch = Batch(sentences, source="test robot", time_ns=now_ns, since=since)
+            said = (self.kinds.get(one.removeprefix("not ")) if "not " in one else None for one in sentences)
+            readings = tuple(None if kind is None else Reading("bad", symptom=kind) for kind in said)
+            batch = Batch(sentences, source="test robot", time_ns=now_ns, since=since, readings=readings)
             await self.robots.observe(self.id, batch)
 
     async def settled(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,30 +10,18 @@ from tests.repairs.robot import CONFIG, HARDWARE, MODEL, Robot, robot_on, runnin
 
 from robomend.api.runtime import Runtime
 from robomend.repairs.repeating import MOST
-from robomend.robots.sight import Sight
 from robomend.store import attempts
 from robomend_client.actions import FAILED
-from robomend_client.literals import Atom
 from robomend_client.readings import Symptom
 
 pytestmark = pytest.mark.anyio
 
 
-def say(monkeypatch: pytest.MonkeyPatch, said: Mapping[str, tuple[str, Symptom]]) -> None:
-    """Let the observers of these say in which way they are bad, where they are."""
-    symptoms = {Atom(predicate, (name,)): symptom for name, (predicate, symptom) in said.items()}
-
-    def of(self: Sight) -> dict[Atom, Symptom]:
-        return {atom: symptom for atom, symptom in symptoms.items() if self.value(atom) is False}
-
-    monkeypatch.setattr(Sight, "kinds", of)
-
-
 async def test_of_what_comes_too_fast_nothing_is_restarted_and_a_second_publisher_is_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    say(monkeypatch, {"odom": ("ok", Symptom.FAST)})
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.kinds["ok(odom)"] = Symptom.FAST
         await robot.settled()
         robot.broken_topics.add("odom")
         repair = await the_repair(runtime)
@@ -46,10 +33,10 @@ async def test_of_what_comes_too_fast_nothing_is_restarted_and_a_second_publishe
 
 
 async def test_power_is_cut_for_what_stands_still_only_with_a_persons_yes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    say(monkeypatch, {"odom": ("ok", Symptom.STILL)})
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.kinds["ok(odom)"] = Symptom.STILL
         await robot.settled()
         robot.broken_topics.add("odom")
         waits = await the_repair(runtime, ended=False)
@@ -85,16 +72,13 @@ class Deaf(Robot):
 
 
 @pytest.mark.parametrize("symptom", [None, Symptom.ENDED, Symptom.HALTED, Symptom.SILENT], ids=str)
-async def test_what_a_start_finds_there_is_stopped_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, symptom: Symptom | None
-) -> None:
+async def test_what_a_start_finds_there_is_stopped_first(tmp_path: Path, symptom: Symptom | None) -> None:
     """A kind that does not say that the process has ended plans so at once."""
-    if symptom is not None:
-        say(monkeypatch, {"mapping": ("running", symptom)})
     async with service(tmp_path) as runtime:
         await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
         await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
-        robot = Deaf(runtime.repairs, runtime.robots)
+        kinds = {} if symptom is None else {"running(mapping)": symptom}
+        robot = Deaf(runtime.repairs, runtime.robots, kinds=kinds)
         async with running(robot):
             repair = await the_repair(runtime)
         tried = await runtime.store.read(attempts.tried, "r1")

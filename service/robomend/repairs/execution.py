@@ -324,11 +324,11 @@ class _Run:
             names, was = first_of(missing), "was" if len(missing) == 1 else "were"
             result = self._reporting.all[step.index].result
             found = result is not None and found_running(step.name, result.message)
-            answer = RUNS_ALREADY if found else "done"
+            answer = f"'{RUNS_ALREADY}'" if found else "'done'"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
-                f"{step} answered '{answer}', but {names} {was} not seen within {within}",
+                f"{step} answered {answer}, but {names} {was} not seen within {within}",
                 missing[0],
             )
         await self._reporting.tell(step, StepTrigger.EFFECT_SEEN, seen=seen)
