@@ -364,6 +364,7 @@ robomend: 1
 hardware: {base: {channel: 1}}
 nodes: {base_d: {drives: base, publishes: [odom, temp]}, loc: {publishes: {pose: [odom]}}}
 properties: [diagnostics]
+values: {stamp: {topic: odom, field: stamp}}
 rules: ["not ab(base_d) -> ok(diagnostics)"]
 """
 )
@@ -423,7 +424,8 @@ def test_power_is_cut_for_what_is_silent_and_not_without_a_person_for_what_stand
 
 def test_a_bad_self_report_over_good_data_is_worth_one_restart_and_no_power_cycle() -> None:
     warned = {Atom("ok", ("diagnostics",)): Symptom.SELF_REPORT}
-    good = (fails("ok", "diagnostics"), holds("ok", "odom"), holds("ok", "temp"))
+    trend = (holds("inc", "stamp"), fails("dec", "stamp"), fails("const", "stamp"))
+    good = (fails("ok", "diagnostics"), holds("ok", "odom"), holds("ok", "temp"), *trend)
     once = chosen(BASE, *good, symptoms=warned)
     assert steps(once) == ["stop_node(base_d)", "start_node(base_d)"]
     assert once.alternatives[0].helps == pytest.approx(OVER_GOOD_DATA)

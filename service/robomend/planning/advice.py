@@ -19,6 +19,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel, Node
 from robomend.model.loops import Loop
 from robomend.model.system import System
+from robomend.model.vocabulary import TRENDS
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
 from robomend.planning.cures import carried, cycled, power_cuts
 from robomend.planning.influence import influenced, published, put_out
@@ -180,7 +181,13 @@ class Situation:
         names = tuple(bad)
         if not names or not self.symptoms:
             return []
-        fallen = [literal.atom for literal in self.observed if not literal.positive]
+        # That a value does not fall is no symptom, unless its observer says so.
+        fallen = [
+            literal.atom
+            for literal in self.observed
+            if not literal.positive
+            and (literal.atom.predicate not in TRENDS or literal.atom in self.symptoms)
+        ]
         own = put_out(self.model, names)
         if found := [atom for atom in fallen if own.intersection(atom.args)]:
             return found
