@@ -33,7 +33,7 @@ from robomend.repairs.record import RepairRecord
 from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
-from robomend.robots.health import health_of
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
@@ -48,6 +48,13 @@ BETWEEN_ROUNDS = frozenset({RepairState.WAITING, RepairState.PLANNING, RepairSta
 OWN_S = 30.0
 """What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
 to begin."""
+
+
+SOON_S = 0.05
+"""How often a diagnosis that is not published yet is looked for."""
+
+PUBLISHED_S = 10.0
+"""For the diagnosis of what is known already to be on the disk, and that of the robot."""
 
 
 class LiveRepair:
@@ -139,7 +146,9 @@ class LiveRepair:
         result = await self._signals.unless_halted(self._robots.waiting.result(self._state))
         sight = self._state.sight
         vouched = frozenset(sight.vouched())
-        if not sight.not_confirmed() and len(vouched) == len(self._state.literals()):
+        # What is on its way to the disk is known already: on a slow one an act might come too late for it.
+        known = not self._state.writing and not sight.not_confirmed()
+        if known and len(vouched) == len(self._state.literals()):
             return result
         confirmed = self._robots.diagnosing.of(self._state, vouched)
         return await self._signals.unless_halted(confirmed)
@@ -153,20 +162,21 @@ class LiveRepair:
         Raises:
             Silent: nobody could confirm what acts made uncertain.
         """
-        told = False
+        told, deadline = False, time.monotonic() + PUBLISHED_S
         while result.healthy:
             result = await self._confirming.healthy(result)
-            _, unknown = health_of(self._state)
+            how, unknown = health_of(self._state)
             late_s = self._state.sight.may_be_late_s(unknown)
             asked = self._record.data.get("asked") and not self._record.data.get("rounds")
-            if not result.healthy or (not self._state.not_judged() and (late_s <= 0 or asked)):
+            behind = how is HealthState.UNHEALTHY or bool(self._state.not_judged())
+            behind = behind and time.monotonic() < deadline
+            if not result.healthy or (not behind and (late_s <= 0 or asked)):
                 return result
             if not told and late_s > 1.0:
                 told, names = True, [str(atom) for atom in unknown]
                 await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
-            await self._signals.unless_halted(
-                self._state.changed(self._state.revision, min(max(0.01, late_s), LOOK_S))
-            )
+            look_s = SOON_S if behind else min(max(0.01, late_s), LOOK_S)
+            await self._signals.unless_halted(self._state.changed(self._state.revision, look_s))
             result = await self._newest()
         return result
 
