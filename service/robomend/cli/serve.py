@@ -116,9 +116,8 @@ def tell(url: str, *, announce: bool) -> None:
 async def serve(settings: Settings, *, announce: bool) -> int:
     """Serve until a signal comes; return the exit code."""
     gc.disable()  # until `settle`: a tenth of the time that loading takes
-    from robomend.api.init_system import InitSystem
     from robomend.api.runtime import Runtime, any_key
-    from robomend.api.server import check_exposure, make_server
+    from robomend.api.server import InitSystem, check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
 
     check_exposure(settings, await any_key(settings))
