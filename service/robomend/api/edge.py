@@ -38,8 +38,8 @@ from robomend.api.protocol import LINGER_BYTES, LINGER_S
 from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
 from robomend.logs import PRINCIPAL, REQUEST, debugging
+from robomend.memory_limits import out_of_memory
 from robomend.metrics import Metrics
-from robomend.room import out_of_memory
 from robomend.security import API
 
 WITHOUT_HEAD = ("/events", "/actions/next")

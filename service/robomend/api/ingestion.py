@@ -29,7 +29,7 @@ from robomend.errors import RobomendError
 from robomend.robots.batches import Batch
 from robomend.security import API, Principal
 from robomend.store.records import IdempotencyKey
-from robomend.turns import Turns
+from robomend.yielding import Turns
 
 NDJSON = "application/x-ndjson"
 

@@ -16,7 +16,7 @@ from starlette.responses import Response
 
 from robomend.api.ingestion import NDJSON
 from robomend.api.schemas.base import Items
-from robomend.turns import Turns
+from robomend.yielding import Turns
 
 _WEIGHT = re.compile(r"(?:0(?:\.\d{0,3})?|1(?:\.0{0,3})?)\Z")
 

@@ -26,7 +26,6 @@ from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
-from robomend.moments import rfc3339, with_texts
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.repairs.foresight import contradicted
 from robomend.repairs.repair_json import repair_json
@@ -50,6 +49,7 @@ from robomend.store.records import (
     StoredRepair,
     StoredRobot,
 )
+from robomend.timestamps import rfc3339, with_texts
 
 _text = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
 

@@ -15,7 +15,7 @@ import click
 from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import InputError
-from robomend.room import check_room, memory_unlimited, share_arenas
+from robomend.memory_limits import check_room, memory_unlimited, share_arenas
 
 if TYPE_CHECKING:
     from robomend.settings import Settings

@@ -17,11 +17,11 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
 from robomend.api.schemas.repair_record import RepairOut
 from robomend.api.views import page_text, response_of
-from robomend.moments import with_texts
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.states import RepairState
 from robomend.security import API
 from robomend.store import View, repairs
+from robomend.timestamps import with_texts
 
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
 
