@@ -29,8 +29,8 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from robomend.covering import shown_url
 from robomend.errors import InputError
+from robomend.redaction import shown_url
 
 ANSWER_BYTES = 64 * 1024
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.api.accept import quality
+from robomend.api.lists import quality
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import for_ever, until
 
 from robomend.api import gate
-from robomend.api.urgent import UrgentAdmission
+from robomend.api.control_lane import UrgentAdmission
 from robomend.security import Role
 from robomend.store import Transaction, api_keys
 
@@ -60,7 +60,7 @@ def keyed(start: StartService, monkeypatch: pytest.MonkeyPatch) -> Keyed:
         ("body.LOOK_S", 0.0),
         ("admitted.LOOK_S", 0.02),
         ("gate.FRESH_S", 0.0),
-        ("urgent.USUAL_S", 60.0),  # what was known last does not count
+        ("control_lane.USUAL_S", 60.0),  # what was known last does not count
     ):
         monkeypatch.setattr(f"robomend.api.{name}", value_s)
     admitted = threading.Event()

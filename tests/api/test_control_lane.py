@@ -19,8 +19,9 @@ from structlog.testing import capture_logs
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import loop_watch, readiness, urgent
+from robomend.api import control_lane, loop_watch
 from robomend.api.control_lane import HURRY_S, ControlLane
+from robomend.api.routers import operation
 from robomend.errors import StoreFull
 from robomend.store import Transaction
 
@@ -85,7 +86,7 @@ def test_the_interpreters_lock_is_handed_over_soon_only_until_it_is_known_whose_
 def test_a_service_that_cannot_write_is_not_ready_while_its_loop_is_held_either(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readiness, "QUEUE_AGE_S", 0.1)
+    monkeypatch.setattr(operation, "QUEUE_AGE_S", 0.1)
     with hanging_writes(service):
         until(lambda: service.runtime.store.figures().oldest_write_s > 0.1, "nothing waits")
         with held_loop(service):
@@ -126,7 +127,7 @@ def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
 @pytest.mark.parametrize("keys", [False, True])
 def test_who_is_known_asks_nobody(start: StartService, monkeypatch: pytest.MonkeyPatch, keys: bool) -> None:
     monkeypatch.setattr("robomend.api.gate.FRESH_S", 1000.0)
-    monkeypatch.setattr(urgent, "USUAL_S", 1000.0)  # what the event loop would be waited for
+    monkeypatch.setattr(control_lane, "USUAL_S", 1000.0)  # what the event loop would be waited for
     service = start()
     headers = {"Authorization": f"Bearer {service.key('operator')}"} if keys else {}
     assert service.api("GET", "/robots", headers=headers).status_code == 200
@@ -139,7 +140,7 @@ def test_who_lifts_a_stop_is_not_who_was_let_in_earlier(
     start: StartService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever was let in before there were keys may stop while the event loop is held, and no more."""
-    monkeypatch.setattr(urgent, "UNKNOWN_S", 0.3)
+    monkeypatch.setattr(control_lane, "UNKNOWN_S", 0.3)
     service = start()
     assert service.api("GET", "/robots").status_code == 200  # nobody needs a key
     service.key("operator")
@@ -207,7 +208,7 @@ def test_a_frozen_loop_is_neither_healthy_nor_ready(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(loop_watch, "FROZEN_S", 0.05)
-    monkeypatch.setattr("robomend.api.readiness.DELAY_S", 0.05)
+    monkeypatch.setattr("robomend.api.routers.operation.DELAY_S", 0.05)
     with held_loop(service):
         until(lambda: fresh(service, "GET", "/healthz").status_code == 503, "healthy while it is frozen")
         assert fresh(service, "GET", "/healthz").json()["code"] == "frozen"

@@ -17,7 +17,7 @@ import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import ndjson, streams
+from robomend.api import ingestion, streams
 from robomend.metrics import Metrics
 from robomend.store import Store, Transaction, api_keys
 
@@ -233,7 +233,7 @@ def test_an_id_that_nobody_gave_replays_from_the_oldest_after_a_gap(start: Start
 def test_a_slow_reader_is_served_from_the_log(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "PENDING", 5)
     monkeypatch.setattr(streams, "PAGE", 7)
-    monkeypatch.setattr(ndjson, "GROUP", 10)  # 120 revisions, faster than one write each
+    monkeypatch.setattr(ingestion, "GROUP", 10)  # 120 revisions, faster than one write each
     service = start()
     service.with_robot()
     sock = socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])))
@@ -262,7 +262,7 @@ def test_a_slow_reader_is_served_from_the_log(start: StartService, monkeypatch: 
 
 
 def test_a_stream_that_nobody_reads_is_dropped(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ndjson, "GROUP", 1)
+    monkeypatch.setattr(ingestion, "GROUP", 1)
     service = start(send_timeout_s=0.2)
     service.with_robot()
     hub = service.runtime.hub

@@ -137,7 +137,7 @@ def test_between_reading_a_group_of_lines_and_taking_it_in_others_get_their_turn
         assert not waiting
         return observe(*given, **more)
 
-    monkeypatch.setattr("robomend.api.ndjson.batch_of", read)
+    monkeypatch.setattr("robomend.api.ingestion.batch_of", read)
     monkeypatch.setattr(service.runtime.robots, "observe", taken_in)
     service.with_robot("turns")
     lines = b'{"observations": ["ok(scan)"]}\n{"observations": ["not ok(scan)"]}\n'

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from tests.api.conftest import TEDUSAR, Service, running
 
-from robomend.api.docs_page import FILES, PAGE
+from robomend.api.routers.docs import FILES, PAGE
 
 STREAMS = {"/api/v1/events", "/api/v1/robots/{robot}/events"}
 SHORT, LONG = 6, 600

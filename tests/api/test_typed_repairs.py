@@ -15,9 +15,9 @@ from tests.waiting import until
 from robomend.api.schemas.history import HistoryLine
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair_record import RepairOut
-from robomend.moments import rfc3339
 from robomend.repairs.states import RepairState
 from robomend.settings import Settings
+from robomend.timestamps import rfc3339
 
 WRONG = ["not ok(scan)", "not running(hokuyo_node)", "on(hokuyo)", "on(jaguar)"]
 

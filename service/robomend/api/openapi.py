@@ -67,7 +67,7 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
             answers = operation.get("responses", {})
             if method == "get" and "application/json" in answers.get("200", {}).get("content", {}):
                 lists.describe(operation)
-                if path.startswith(API):  # robomend.api.conditional
+                if path.startswith(API):  # robomend.api.edge
                     answers["200"].setdefault("headers", {})["ETag"] = _ETAG
                     answers["304"] = {
                         "description": "If-None-Match names this version: the client has it",

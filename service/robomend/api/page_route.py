@@ -8,6 +8,11 @@ sends cookies with whatever form any page has, so a form must say by Origin or S
 Without keys there is no cookie to steal, but the same holds: whoever reaches the port is admin then.
 
 Pages are made one at a time, in a thread: the event loop goes on with what robots want.
+
+What is around every page: who looks, what they may, the global stop, and which parts are asked for.
+
+A page is made of parts. Its script asks for those that an event concerns, at the page's own address, with the
+header `Robomend-Parts`: nothing else is looked up or sent then.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from __future__ import annotations
 import asyncio
 import gzip
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Collection, Coroutine, Mapping
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -24,14 +29,45 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from robomend.api.body import check_content_type, read_chunks
-from robomend.api.deps import parts_of
+from robomend.api.deps import Parts, parts_of
 from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.api.schemas.base import one_line
-from robomend.api.shell import PARTS_HEADER, shell
 from robomend.errors import RobomendError
+from robomend.security import ACT, LOCAL, Principal, Role
 from robomend.web.rendering import render
+
+PARTS_HEADER = "robomend-parts"
+"""Of a request for some parts of a page only."""
+
+
+def wanted_parts(request: Request, there: Collection[str]) -> tuple[str, ...]:
+    """Return which of a page's parts to make: all of them, or those that are asked for."""
+    asked = request.headers.get(PARTS_HEADER)
+    if asked is None:
+        return tuple(there)
+    names = set(asked.split(","))
+    return tuple(part for part in there if part in names)
+
+
+def shell(request: Request, parts: Parts, principal: Principal, wanted: Collection[str]) -> dict[str, Any]:
+    """Return what the template around a page needs."""
+    address = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+    switch = parts.repairs.switch
+    return {
+        "principal": principal,
+        "signed_in": principal is not LOCAL,
+        "may_act": principal.role in ACT,
+        "is_admin": principal.role is Role.ADMIN,
+        "stop": switch.json(written=switch.settled),
+        "now_ms": time.time_ns() // 1_000_000,
+        "ping_s": parts.settings.ping_s,
+        "to": address,
+        "wanted": wanted,
+        "fragment": PARTS_HEADER in request.headers,
+    }
+
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "

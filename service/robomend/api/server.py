@@ -1,12 +1,20 @@
-"""uvicorn behind the control lane: it says on which port it listens, and ends our streams before it waits."""
+"""uvicorn behind the control lane: it says on which port it listens, and ends our streams before it waits.
+
+An init system is told that requests are answered, and that the event loop turns (systemd's watchdog). A
+process that hangs (SIGSTOP, a call that does not return) is replaced by systemd, where it is a unit of the
+type `notify` with WatchdogSec. Elsewhere nobody is told anything.
+
+Reference: sd_notify(3), sd_watchdog_enabled(3).
+"""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 from typing import cast
@@ -14,15 +22,58 @@ from typing import cast
 import structlog
 import uvicorn
 
-from robomend.api.address import url_of
 from robomend.api.app import create_control_app
-from robomend.api.control_lane import ControlLane, connections_allowed, refuse
+from robomend.api.control_lane import ControlLane, UrgentAdmission, connections_allowed, refuse
 from robomend.api.protocol import Protocol, limited, make_room
 from robomend.api.runtime import Runtime
-from robomend.api.urgent import UrgentAdmission
 from robomend.errors import InputError
 from robomend.security import loopback
 from robomend.settings import Settings
+
+SIGNS = 4
+"""Of life in the time after which the watchdog takes us for dead."""
+
+
+class InitSystem:
+    """See the module; told of by the environment of a unit."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        self._address = environment.get("NOTIFY_SOCKET", "")
+        watched = environment.get("WATCHDOG_USEC", "")
+        ours = environment.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+        self._every_s = int(watched) / 1e6 / SIGNS if ours and watched.isdigit() else None
+        self._beating: asyncio.Task[None] | None = None
+
+    def ready(self) -> None:
+        """Say that requests are answered, and from now on that the running event loop turns."""
+        self._say(b"READY=1")
+        if self._address and self._every_s is not None:
+            self._beating = asyncio.create_task(self._beat(self._every_s), name="watchdog")
+
+    async def _beat(self, every_s: float) -> None:
+        while True:
+            self._say(b"WATCHDOG=1")
+            await asyncio.sleep(every_s)
+
+    def _say(self, what: bytes) -> None:
+        if not self._address:
+            return
+        where = self._address.replace("@", "\0", 1) if self._address.startswith("@") else self._address
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as line:
+                line.sendto(what, where)
+        except OSError as error:
+            log.warning("the init system does not listen", detail=str(error))
+
+
+def url_of(address: tuple[object, ...], *, secure: bool) -> str:
+    """Return the URL that reaches a listening socket from this computer."""
+    host, port = str(address[0]), address[1]
+    if host in {"0.0.0.0", "::"}:
+        host = "127.0.0.1" if host == "0.0.0.0" else "::1"
+    shown = f"[{host}]" if ":" in host else host
+    return f"{'https' if secure else 'http'}://{shown}:{port}"
+
 
 log = structlog.get_logger("robomend.server")
 

@@ -5,9 +5,9 @@
 
 What takes long goes on, and the answer says what is known of it by then: what failed last counts until it
 succeeds, and a probe that has had no answer for HANGS_S says that the database hangs. How long the oldest
-write has been waiting, these among them, is in the store's figures (readiness.py). A file that was found
-damaged stays so, whatever can still be read of it; a disk that had no room for somebody's write is full for a
-while, though what the probe writes may still fit.
+write has been waiting, these among them, is in the store's figures (routers/operation.py). A file that was
+found damaged stays so, whatever can still be read of it; a disk that had no room for somebody's write is
+full for a while, though what the probe writes may still fit.
 """
 
 from __future__ import annotations

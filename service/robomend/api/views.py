@@ -1,15 +1,18 @@
-"""From the core's values to the wire, one function per kind of thing."""
+"""From the core's values to the wire, one function per kind of thing.
+
+JSON that may be long is written in a thread: to write it takes up to tens of milliseconds.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from json.encoder import encode_basestring_ascii
 from typing import Any
 
 from starlette.responses import Response
 
-from robomend.api.long_json import page_text
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
@@ -18,12 +21,12 @@ from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Options
+from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
-from robomend.moments import rfc3339, with_texts
+from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.repairs.foresight import contradicted
 from robomend.repairs.repair_json import repair_json
 from robomend.robots.batches import Acknowledged
@@ -46,6 +49,39 @@ from robomend.store.records import (
     StoredRepair,
     StoredRobot,
 )
+from robomend.timestamps import rfc3339, with_texts
+
+_text = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode
+
+
+def page_text(items: Iterable[Any], following: str | None) -> bytes:
+    """Return a page of a list; call it where the items are read, in a thread of the store's."""
+    return f'{{"items":[{",".join(map(_text, items))}],"next":{_text(following)}}}'.encode()
+
+
+def response_of(text: bytes) -> Response:
+    """Return the answer that has this text."""
+    return Response(text, media_type="application/json")
+
+
+async def result_response(result: DiagnosisResult) -> Response:
+    """Return an engine's answer as it is; ResultOut only describes it."""
+    text = await asyncio.to_thread(result_text, result, quoted_names(result.components))
+    return response_of(text.encode())
+
+
+async def value_response(make: Callable[..., Any], given: list[Any]) -> Response:
+    """Return the value that `make` makes of what is given.
+
+    `given` is empty afterwards: what is large and nobody else has is freed in the thread that wrote it.
+    """
+
+    def written() -> bytes:
+        text = _text(make(*given)).encode()
+        given.clear()
+        return text
+
+    return response_of(await asyncio.to_thread(written))
 
 
 def model_out(model: StoredModel, system: System) -> ModelOut:

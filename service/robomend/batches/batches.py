@@ -30,7 +30,7 @@ from robomend.batches.one_batch import OneBatch
 from robomend.batches.record import batch_json, change, new_batch
 from robomend.batches.states import BatchState, BatchTrigger
 from robomend.errors import BackendError, NotFound, Overloaded, Refused, RobomendError, StateConflict
-from robomend.seeking import Seeker
+from robomend.poller import Seeker
 from robomend.settings import Settings
 from robomend.store import Store, batch_jobs
 from robomend.store.records import Json, Page, Paging, StoredBatchJob

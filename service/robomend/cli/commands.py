@@ -16,7 +16,7 @@ from click.exceptions import NoSuchCommand
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.main import INTERRUPTED
 from robomend.errors import BackendError, RobomendError
-from robomend.room import no_room, out_of_memory
+from robomend.memory_limits import no_room, out_of_memory
 from robomend_client.near import did_you_mean
 
 BAD_INPUT = 2

@@ -15,7 +15,7 @@ import click
 from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import InputError
-from robomend.room import check_room, memory_unlimited, share_arenas
+from robomend.memory_limits import check_room, memory_unlimited, share_arenas
 
 if TYPE_CHECKING:
     from robomend.settings import Settings
@@ -116,9 +116,8 @@ def tell(url: str, *, announce: bool) -> None:
 async def serve(settings: Settings, *, announce: bool) -> int:
     """Serve until a signal comes; return the exit code."""
     gc.disable()  # until `settle`: a tenth of the time that loading takes
-    from robomend.api.init_system import InitSystem
     from robomend.api.runtime import Runtime, any_key
-    from robomend.api.server import check_exposure, make_server
+    from robomend.api.server import InitSystem, check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
 
     check_exposure(settings, await any_key(settings))

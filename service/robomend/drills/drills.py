@@ -20,7 +20,7 @@ from robomend.drills.record import drill_json, new_drill
 from robomend.drills.states import DrillState
 from robomend.errors import InputError, RobomendError, StateConflict
 from robomend.planning.faults import FaultKind
-from robomend.seeking import Seeker
+from robomend.poller import Seeker
 from robomend.store import Transaction, View, drills, global_stop, robots
 from robomend.store.records import AuditEntry, Fence, Json, Paging, StoredDrill
 from robomend_client.events import Event, Kind

@@ -33,11 +33,11 @@ from robomend.drills.watching import (
 )
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
 from robomend.planning.faults import AGENTS_FAULTS, EMULATED, FaultKind, drivers_of, taken_by
+from robomend.poller import wait_for
 from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState
 from robomend.robots.robot import Robot
-from robomend.seeking import wait_for
 from robomend.store import Transaction, repairs
 from robomend.store.records import DrillRequest, Fence, StoredDrill
 from robomend_client.actions import REFUSED, UNDONE_BEFORE, UNREACHABLE, Action

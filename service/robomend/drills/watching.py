@@ -16,10 +16,10 @@ from typing import Any
 from robomend.drills.record import DrillRecord
 from robomend.model.components import ComponentModel
 from robomend.planning.faults import LINE_FAULTS, drivers_of, taken_by
+from robomend.poller import wait_for
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend.seeking import wait_for
 from robomend.store import Store, View, repairs
 from robomend.store.records import Paging, StepRecord, StoredRepair
 from robomend_client.literals import Atom

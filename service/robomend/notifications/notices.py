@@ -19,8 +19,8 @@ from typing import Any
 from urllib.parse import quote
 
 from robomend.drills.states import DrillState
-from robomend.moments import rfc3339
 from robomend.repairs.states import RepairState
+from robomend.timestamps import rfc3339
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]

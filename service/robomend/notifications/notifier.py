@@ -25,7 +25,7 @@ from robomend.metrics import Metrics
 from robomend.notifications.delivery import Delivery, Messages, deliver
 from robomend.notifications.notices import KINDS, Notice, message, notice_of, trial_notice
 from robomend.notifications.recipients import Recipient, recipients
-from robomend.seeking import Seeker
+from robomend.poller import Seeker
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, events, notifications
 from robomend.store.records import AuditEntry, StoredNotification

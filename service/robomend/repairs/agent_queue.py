@@ -18,11 +18,11 @@ from functools import partial
 from typing import Any
 
 from robomend.errors import StateConflict
+from robomend.poller import wait_for
 from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
 from robomend.robots.reporters import OURSELVES, Reporter
-from robomend.seeking import wait_for
 from robomend.store import Store, Transaction, View, agent_actions, global_stop
 from robomend.store.records import AgentAction, AuditEntry, Fence
 from robomend.store.session import SURE_S, boot_s

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from robomend.moments import rfc3339
 from robomend.planning.plan import Step
 from robomend.repairs.execution_values import StepReport
 from robomend.repairs.states import StepState
 from robomend.store.records import StepRecord, StoredRepair
+from robomend.timestamps import rfc3339
 
 
 def step_number(action_id: str) -> int:

@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable, Sequence
 
 from robomend.errors import NotFound
+from robomend.poller import Seeker
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.robots.robot import Robot
-from robomend.seeking import Seeker
 from robomend.store import repairs
 from robomend.store.records import Fence, Json, Stop
 from robomend_client.events import Event, Kind

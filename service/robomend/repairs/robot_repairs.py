@@ -17,6 +17,7 @@ import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, RobomendError, StoreError
+from robomend.poller import wait_for
 from robomend.repairs.acts import Acts
 from robomend.repairs.conclusions import BadSets, Silent, blamed_now, conclusion, end_of, in_doubt
 from robomend.repairs.dependencies import Dependencies
@@ -29,7 +30,6 @@ from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend.seeking import wait_for
 from robomend.store import Transaction, drills, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 

@@ -27,7 +27,7 @@ from robomend.robots.evidence import Dating, check_parallel
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
-from robomend.turns import Turns
+from robomend.yielding import Turns
 from robomend_client.literals import Atom
 from robomend_client.readings import Reading
 

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from robomend.covering import COVERED, SECRET, shown_url
 from robomend.errors import InputError
 from robomend.model.components import ComponentModel
 from robomend.planning.policy import Mode, Policy, Window
 from robomend.planning.protection import marked, protection
+from robomend.redaction import COVERED, SECRET, shown_url
 
 POLICIES = ("observe", "approve", "auto")
 

@@ -16,7 +16,7 @@ from robomend.robots.configuration import RobotConfig, covered, uncovered
 from robomend.robots.readers import Readers
 from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
-from robomend.turns import Turns
+from robomend.yielding import Turns
 from robomend_client.events import Kind
 from robomend_client.near import did_you_mean
 

@@ -27,6 +27,7 @@ from typing import Any
 from robomend.diagnosis.engines import ENGINES, make_engine
 from robomend.diagnosis.result import DiagnosisResult, Engine, Minimal, Options, healthy
 from robomend.errors import RobomendError
+from robomend.memory_limits import memory_unlimited
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.packed import PackedCnf
@@ -35,7 +36,6 @@ from robomend.oneshots.result_json import result_json, timeless
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.oneshots.warm_model import ask_engine
 from robomend.robots.configuration import RobotConfig
-from robomend.room import memory_unlimited
 from robomend.settings import Settings
 from robomend.store.encoding import Common, to_json
 from robomend_client.literals import Literal

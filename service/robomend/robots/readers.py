@@ -24,6 +24,7 @@ from typing import TypeVar, TypeVarTuple
 
 from robomend.diagnosis.result import Options
 from robomend.errors import Overloaded, RobomendError, TooLarge
+from robomend.memory_limits import memory_unlimited
 from robomend.model.budget import check_steps
 from robomend.model.checking import contradictory, unblamable
 from robomend.model.clauses import Assertion
@@ -34,7 +35,6 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown, read, read_assertion
 from robomend.oneshots.question import PackedQuestion, supposing, together
 from robomend.planning.domain.loading import load_domain
-from robomend.room import memory_unlimited
 from robomend.settings import Settings
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal

@@ -22,7 +22,7 @@ from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, models
 from robomend.store.records import AuditEntry, StoredModel
-from robomend.turns import Turns
+from robomend.yielding import Turns
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 

@@ -7,8 +7,16 @@ from starlette.responses import Response
 
 from robomend.api.batch_creation import create
 from robomend.api.deps import BatchPath, PagingDep, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, back, check_ours, page, read_form, reason_of
-from robomend.api.shell import shell, wanted_parts
+from robomend.api.page_route import (
+    PageRoute,
+    back,
+    check_ours,
+    page,
+    read_form,
+    reason_of,
+    shell,
+    wanted_parts,
+)
 from robomend.batches.states import BatchState
 from robomend.store import models
 from robomend.store.records import Paging

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from starlette.responses import FileResponse
 
-from robomend.api.batch_body import OPENAPI_BODY
-from robomend.api.batch_creation import create
+from robomend.api.batch_creation import OPENAPI_BODY, create
 from robomend.api.deps import BatchPath, PagingDep, PartsDep, PrincipalDep, ReasonQuery
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute

@@ -10,8 +10,7 @@ from fastapi import APIRouter, Path, Request
 from starlette.responses import Response
 
 from robomend.api.deps import PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, packed, page
-from robomend.api.shell import shell, wanted_parts
+from robomend.api.page_route import PageRoute, packed, page, shell, wanted_parts
 from robomend.errors import NotFound
 from robomend.web import benchmark_reports
 

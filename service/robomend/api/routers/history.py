@@ -10,11 +10,10 @@ from starlette.responses import Response
 from robomend.api.deps import PartsDep, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.long_json import page_text, response_of
 from robomend.api.schemas.audit import AuditOut
 from robomend.api.schemas.base import NAME, Items
 from robomend.api.schemas.history import HistoryLine
-from robomend.api.views import audit_json, history_text
+from robomend.api.views import audit_json, history_text, page_text, response_of
 from robomend.security import API
 from robomend.store import View, audit
 

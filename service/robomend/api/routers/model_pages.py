@@ -10,10 +10,9 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from robomend.api.deps import ModelPath, PagingDep, Parts, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, back, page, read_form, reason_of
+from robomend.api.page_route import PageRoute, back, page, read_form, reason_of, shell, wanted_parts
 from robomend.api.problems import of_error
 from robomend.api.schemas.base import NAME
-from robomend.api.shell import shell, wanted_parts
 from robomend.diagnosis.result import Options
 from robomend.errors import InputError, RobomendError
 from robomend.oneshots.plan_json import choice_json

@@ -10,9 +10,8 @@ from markupsafe import Markup
 from starlette.responses import Response
 
 from robomend.api.deps import ModelPath, Parts, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, page
+from robomend.api.page_route import PageRoute, page, shell, wanted_parts
 from robomend.api.problems import of_error
-from robomend.api.shell import shell, wanted_parts
 from robomend.errors import NotFound, RobomendError
 from robomend.model.system import System
 from robomend.robots.at_hand import observables_at_hand

@@ -23,8 +23,7 @@ from robomend.api.deps import (
 )
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.ingestion import NDJSON, OPENAPI_BODY, read_batch
-from robomend.api.ndjson import ingest
+from robomend.api.ingestion import NDJSON, OPENAPI_BODY, ingest, read_batch
 from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
 from robomend.api.views import accepted_response, obs_out
 from robomend.security import API

@@ -1,19 +1,91 @@
-"""/healthz, /readyz, /metrics, /version-info: for whoever runs the service."""
+"""/healthz, /readyz, /metrics, /version-info: for whoever runs the service.
+
+Whether this instance can serve requests, and what is wrong where it cannot; told at once, always.
+
+store      it reads and writes; failing or hanging is not ready
+queue      how long the oldest write waits
+loop       how late the event loop comes to new tasks
+workers    there are some to be had
+boards     shown; one robot's fault makes nobody unready
+"""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 from fastapi import APIRouter, Response
 
-from robomend.api.deps import PartsDep
+from robomend.api.deps import Parts, PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import RETRY_AFTER_S, Problem
-from robomend.api.readiness import readiness
-from robomend.api.schemas.operation import Readiness
+from robomend.api.schemas.operation import Check, Readiness
+from robomend.api.store_probe import ANSWER_S
 from robomend.metrics import CONTENT_TYPE
 from robomend.version import version_info
+
+QUEUE_AGE_S = 2.0
+"""Of the oldest write, beyond which clients had better go elsewhere."""
+
+DELAY_S = 1.0
+"""Of the event loop."""
+
+TURN_S = 0.005
+"""For the event loop to come to it, and back."""
+
+
+async def readiness(parts: Parts) -> Readiness:
+    """Look at each part that requests need; for any event loop, and also while the service's own is held.
+
+    Where that does not come in time to try the store and look at the boards, what is known already is told.
+    """
+    loop = parts.watch.loop
+    if asyncio.get_running_loop() is loop:
+        return _as_known(parts, await _asked(parts))
+    asking = asyncio.run_coroutine_threadsafe(_asked(parts), loop)
+    waiting = asyncio.wrap_future(asking)
+    await asyncio.wait({waiting}, timeout=ANSWER_S + TURN_S)
+    if waiting.done():
+        return _as_known(parts, waiting.result())
+    asking.cancel()
+    return _as_known(parts, {})
+
+
+async def _asked(parts: Parts) -> dict[str, Check]:
+    """Have the store tried; return what only the service's own event loop can look at."""
+    await parts.probe.check()
+    return {"boards": _boards(parts)}
+
+
+def _as_known(parts: Parts, more: dict[str, Check]) -> Readiness:
+    """Return what any thread knows at once, and `more`, which makes nobody unready."""
+    figures = parts.store.figures()
+    checks = {
+        "store": parts.probe.known,
+        "queue": Check(
+            ok=figures.oldest_write_s <= QUEUE_AGE_S,
+            detail=f"{figures.queued_writes} writes wait, the oldest for {figures.oldest_write_s:.1f} s",
+        ),
+        "loop": _loop(parts.watch),
+        "workers": Check(ok=parts.one_shots.alive, detail=""),
+    }
+    ready = all(check.ok for check in checks.values()) and not parts.hub.closing
+    return Readiness(ready=ready, checks={**checks, **more})
+
+
+def _loop(watch: LoopWatch) -> Check:
+    delay_s = watch.delay_s
+    return Check(ok=delay_s <= DELAY_S, detail=f"{delay_s * 1000:.0f} ms late")
+
+
+def _boards(parts: Parts) -> Check:
+    boards = parts.robots.boards.states()
+    away = sorted(robot for robot, state in boards.items() if state != "connected")
+    named = f": {', '.join(away[:10])}" if away else ""
+    return Check(ok=not away, detail=f"{len(away)} of {len(boards)} not connected{named}")
+
 
 router = APIRouter(tags=["operation"], route_class=GuardedRoute)
 

@@ -10,10 +10,9 @@ from starlette.responses import Response
 
 from robomend.api.deps import PartsDep, PrincipalDep
 from robomend.api.gate import Admission
-from robomend.api.page_route import PageRoute, back, packed, page, read_form, reason_of
+from robomend.api.page_route import PageRoute, back, packed, page, read_form, reason_of, shell, wanted_parts
 from robomend.api.problems import Problem
 from robomend.api.routers.control import ANSWER_S
-from robomend.api.shell import shell, wanted_parts
 from robomend.errors import NotFound
 from robomend.repairs.stop_switch import written
 from robomend.web.rendering import MOST_ROWS, ROWS, static_files, static_version

@@ -10,11 +10,10 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RobotPath
-from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.page_route import PageRoute, back, page, read_form, shell, wanted_parts
 from robomend.api.routers.notifications import tried
 from robomend.api.schemas.base import NAME
 from robomend.api.schemas.drill import DrillOut
-from robomend.api.shell import shell, wanted_parts
 from robomend.store import api_keys, audit, notifications, repairs
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)

@@ -13,15 +13,15 @@ from starlette.responses import JSONResponse, Response
 from robomend.api.deps import PartsDep, PrincipalDep, RepairPath, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.long_json import page_text, response_of
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
 from robomend.api.schemas.repair_record import RepairOut
-from robomend.moments import with_texts
+from robomend.api.views import page_text, response_of
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.states import RepairState
 from robomend.security import API
 from robomend.store import View, repairs
+from robomend.timestamps import with_texts
 
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
 

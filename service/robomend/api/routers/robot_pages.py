@@ -12,10 +12,9 @@ from markupsafe import Markup
 from starlette.responses import Response
 
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
-from robomend.api.page_route import PageRoute, back, page, read_form, reason_of
+from robomend.api.page_route import PageRoute, back, page, read_form, reason_of, shell, wanted_parts
 from robomend.api.problems import Problem
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
-from robomend.api.shell import shell, wanted_parts
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
 from robomend.robots.batches import Batch

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from robomend.moments import rfc3339
+from robomend.timestamps import rfc3339
 
 T = TypeVar("T")
 

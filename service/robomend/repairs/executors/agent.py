@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
+from robomend.poller import wait_for
 from robomend.repairs.agent_queue import LOOK_AGAIN_S, AgentQueue
 from robomend.repairs.executors.registry import Surroundings
-from robomend.seeking import wait_for
 from robomend.store.records import AgentAction, Fence
 from robomend_client.actions import (
     CANCELLED,

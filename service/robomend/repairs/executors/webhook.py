@@ -23,8 +23,8 @@ from typing import Any
 import httpx
 
 from robomend import webhooks
-from robomend.covering import COVERED
 from robomend.errors import InputError
+from robomend.redaction import COVERED
 from robomend.repairs.execution_values import Confirm, nobodys
 from robomend.repairs.executors.registry import Surroundings
 from robomend.webhooks import Webhook, receiver

@@ -13,7 +13,7 @@ import structlog
 
 from robomend.errors import RobomendError
 
-log = structlog.get_logger("robomend.seeking")
+log = structlog.get_logger("robomend.poller")
 
 
 async def wait_for(change: asyncio.Event, timeout_s: float) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from robomend.cli.commands import BACKEND_FAILED, run
 from robomend.errors import BackendError
-from robomend.room import check_room
+from robomend.memory_limits import check_room
 
 BOUNDED = """
 import resource, sys

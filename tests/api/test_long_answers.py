@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import pytest
 from tests.api.conftest import TEDUSAR, Service
 
-from robomend.api import long_json
+from robomend.api import views
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def writers(monkeypatch: pytest.MonkeyPatch) -> set[threading.Thread]:
         return wrapper
 
     for name in ("_text", "result_text"):
-        monkeypatch.setattr(long_json, name, noted(getattr(long_json, name)))
+        monkeypatch.setattr(views, name, noted(getattr(views, name)))
     return found
 
 
@@ -64,7 +64,7 @@ class Large:
 async def test_what_a_long_value_was_made_of_is_freed_in_the_thread_that_wrote_it() -> None:
     Large.freed_by.clear()
     given: list[Any] = [Large()]
-    await long_json.value_response(lambda large: [type(large).__name__], given)
+    await views.value_response(lambda large: [type(large).__name__], given)
     assert given == []
     [freed_by] = Large.freed_by
     assert freed_by is not threading.current_thread()

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from robomend.covering import shown_url
 from robomend.errors import InputError
+from robomend.redaction import shown_url
 from robomend.robots.configuration import covered, uncovered
 
 STARS = "**********"

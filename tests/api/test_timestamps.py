@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.api.conftest import Service
 
-from robomend.moments import rfc3339, with_texts
+from robomend.timestamps import rfc3339, with_texts
 
 DURATIONS: frozenset[str] = frozenset()
 """Names in `_ns` that are no moments. A new one goes here; a moment gets its text."""

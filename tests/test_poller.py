@@ -9,7 +9,7 @@ from structlog.testing import capture_logs
 from tests.waiting import eventually, for_ever
 
 from robomend.errors import StoreError
-from robomend.seeking import Seeker
+from robomend.poller import Seeker
 
 pytestmark = pytest.mark.anyio
 NEVER_S = 3600.0
