@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 from tests.api.conftest import TEDUSAR, Service, running
-from tests.api.test_moments import answered, each_is_told
+from tests.api.test_timestamps import answered, each_is_told
 from tests.waiting import until
 
 from robomend.api.schemas.history import HistoryLine
