@@ -133,6 +133,8 @@ def followed(sentence: str) -> str:
         return f"on({on[1]})"
     if runs := re.fullmatch(r"whether (\w+) runs", sentence):
         return f"running({runs[1]})"
+    if tested := re.fullmatch(r"a self-test of (\w+), or .*", sentence):
+        return f"ok(self_test,{tested[1]})"
     assert re.fullmatch(r"\w+", sentence), sentence
     return f"ok({sentence})"
 

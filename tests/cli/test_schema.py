@@ -250,7 +250,7 @@ def test_of_every_key_an_editor_shows_what_it_is_with_unit_and_default(file: str
         assert description, place
         for end, unit in UNITS.items():
             assert not place.endswith(end) or unit in description, place
-        if (default := schema.get("default")) not in (None, [], {}):
+        if (default := schema.get("default")) not in (None, [], {}, ""):
             told = description.rpartition("; default: ")[2]
             assert yaml.safe_load(told) == default, place
 

@@ -25,19 +25,15 @@ __all__ = ["postgres_server", "postgres_url"]  # fixtures
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(300)]
 
 
-@pytest.fixture(params=["two workers on SQLite", "two instances on PostgreSQL"])
-def arguments(request: pytest.FixtureRequest, tmp_path: Path) -> list[tuple[str, ...]]:
-    """The arguments of each service to be started."""
-    data = ("--data", str(tmp_path))
-    if request.param == "two workers on SQLite":
-        return [(*data, "--workers", "2")]
-    return [(*data, "--database", str(request.getfixturevalue("postgres_url")))] * 2
+@pytest.fixture
+def arguments(postgres_url: str, tmp_path: Path) -> list[tuple[str, ...]]:
+    """The arguments of two instances on one database."""
+    return [("--data", str(tmp_path), "--database", postgres_url)] * 2
 
 
 async def owning_process(arguments: tuple[str, ...]) -> int | None:
     """Return the process that carries out the robot's repairs and drills."""
     given = dict(zip((word.removeprefix("--") for word in arguments[::2]), arguments[1::2], strict=True))
-    given.pop("workers", None)
     async with opened(Settings.model_validate(given).database_url) as store:
         instance, _ = await store.read(owner, "r1")
         return next((one.pid for one in await store.ownership.instances() if one.id == instance), None)

@@ -124,13 +124,13 @@ async def test_a_driver_that_is_good_again_is_not_restarted_and_the_next_time_th
             first = await lose_power(runtime, robot)
             assert first["state"] == "repaired"
             assert robot.done == ["power_up(base)"]
-            steps = {step["text"]: step for step in first["rounds"][0]["plan"]}  # type: ignore[index]
+            steps = {step["text"]: step for step in first["rounds"][0]["plan"]}  # type: ignore[index]  # JSON
             assert steps["stop_node(base_node)"]["state"] == "already-there"
             assert steps["stop_node(base_node)"]["message"] == "ok(odom) by now: base_node is not touched"
             assert steps["start_node(base_node)"]["state"] == "already-there"
             again = await lose_power(runtime, robot, str(first["id"]))
             assert again["state"] == "repaired"
-            assert [step["text"] for step in again["plan"]] == ["power_up(base)"]  # type: ignore[attr-defined]
+            assert [step["text"] for step in again["plan"]] == ["power_up(base)"]  # type: ignore[attr-defined]  # JSON
     assert robot.done == ["power_up(base)", "power_up(base)"]
 
 

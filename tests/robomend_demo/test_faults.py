@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -12,12 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import SLEEPER, agent, alive, config
+from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import eventually
-from tests.robomend_board.processes import running
-from tests.robomend_demo.playing import children
 
-from robomend_client.rest.calls import post
 from robomend_client.rest.sync import Client
 from robomend_demo.cast import environment, python
 from robomend_demo.interrupts import Interrupts
@@ -143,23 +138,6 @@ def test_an_agent_that_goes_away_in_mid_action_is_named_and_the_next_one_goes_on
     with agent(agent_of(tmp_path, service, "left", {"command": READY, "ready": {"output": "up"}})):
         second = ended(client, "left", lambda r: r["id"] != first["id"])
         assert second["state"] == "repaired", str([second["reason"], second["rounds"]])
-
-
-def test_planners_that_hang_are_killed_and_fresh_ones_plan(service: Service) -> None:
-    client = service.client
-    client.send(post("plans", json={"model": "small", "bad": ["base"]}))
-    eventually(lambda: _idle(children(service.pid)), "a planner and a spare one, both warm", 60)
-    hanging = children(service.pid)
-    with running("--on", "2") as board:
-        for worker in hanging:
-            os.kill(worker, signal.SIGSTOP)
-        entrust(client, "hung", ["on(base)"], board={"host": "127.0.0.1", "port": board.port})
-        first = ended(client, "hung")
-        assert first["state"] == "escalated"
-        assert "base" in first["reason"], first["reason"]
-        assert not any(map(alive, hanging))
-        client.start_repair("hung", reason="the planners are fresh")
-        assert ended(client, "hung", lambda r: r["id"] != first["id"])["state"] == "repaired"
 
 
 def _known(client: Client, robot: str) -> list[str]:

@@ -387,7 +387,7 @@ class _Reflex(_Idle):
         self._called: frozenset[Literal] | None = None  # of what a person was told
 
     @property
-    def busy(self) -> bool:  # type: ignore[override]
+    def busy(self) -> bool:  # type: ignore[override]  # computed here, set there
         return bool(self._plan or self._acting or (self._bad and self._called is None))
 
     def step(self) -> None:

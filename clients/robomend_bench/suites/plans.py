@@ -207,6 +207,10 @@ def _up_chain(files: tuple[Path, Path], timeout_s: float) -> list[str] | None:
 
     with Compiler(name="up_grounder") as compiler:
         problem = compiler.compile(_up_problem(files), CompilationKind.GROUNDING).problem
+    with Compiler(name="up_disjunctive_conditions_remover") as compiler:
+        problem = compiler.compile(problem, CompilationKind.DISJUNCTIVE_CONDITIONS_REMOVING).problem
+    with Compiler(name="up_negative_conditions_remover") as compiler:
+        problem = compiler.compile(problem, CompilationKind.NEGATIVE_CONDITIONS_REMOVING).problem
     problem.clear_quality_metrics()
     with OneshotPlanner(name="pyperplan", params={"search": "gbf", "heuristic": "hff"}) as planner:
         result = planner.solve(problem)
