@@ -184,11 +184,10 @@ class ReasonsToRepair:
             self.given_up, self.interlocked = None, False
         if self._agents is not None and state.sight.declared.changes != self._agents:
             self.given_up = self._agents = None
-        if self._unheard and all(map(state.sight.reported, state.sight.observed)):
-            self.given_up, self._unheard = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
-        if self.given_up is not None and self._lapsed and now >= self._again_s:
-            self.given_up, self._lapsed = None, False
+        back = self._lapsed or (self._unheard and all(map(state.sight.reported, state.sight.observed)))
+        if self.given_up is not None and back and now >= self._again_s:
+            self.given_up, self._lapsed, self._unheard = None, False, False
             self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
         if not acts or blamed == self.given_up:
             if acts and self.retry_ns is not None:
