@@ -167,7 +167,7 @@ class ReasonsToRepair:
             self._unhealthy = self._unwell_s = None
             if state.current is not None and state.current.healthy and not bad:
                 self.given_up = self.again = None
-                self._lapsed, self._pause_s = False, LAPSED_S
+                self._lapsed, self._again_s, self._pause_s = False, 0.0, LAPSED_S
                 if self._untouched is not None:  # a person was told already, as often as this has happened
                     self._flapping.well_by_itself(self._untouched, time.monotonic())
                     self._untouched = None
