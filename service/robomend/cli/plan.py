@@ -140,7 +140,7 @@ def show(choice: Choice, result: DiagnosisResult, *, observed: bool = True) -> N
     if others:
         table = Table("instead", "probability", "cost", "actions", title="alternatives", title_justify="left")
         for one in others:
-            actions = ", ".join(map(str, one.plan.steps)) or "; ".join(one.plan.unreachable)
+            actions = ", ".join(map(str, one.plan.steps)) or "; ".join(one.plan.unreachable) or one.reason
             names = escape(", ".join(one.diagnosis.bad))
             table.add_row(names, f"{one.weight:.2g}", f"{one.plan.cost:g}", escape(actions))
         console.print(table)
