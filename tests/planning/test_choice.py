@@ -268,6 +268,20 @@ def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> N
     assert aside(0, 30, 60, 300, now_s=301) == {}
 
 
+def test_half_a_minute_is_half_a_minute_after_a_quarantine_too() -> None:
+    def row(last_s: int) -> list[int]:
+        times = (41, 52, 63, last_s)
+        mended = [replace(tried("a", helped=True, at_s=at), began_ns=(at - 1) * SECOND) for at in times]
+        found = relapses(mended, {"a"}, now_ns=(last_s + 8) * SECOND)
+        return [one.time_ns // SECOND for one in found]
+
+    assert row(92) == [41, 52, 63, 92]
+    assert row(200) == [200]  # it had lasted for two minutes, whatever would have been left alone
+    assert row(362) == [362]
+    assert row(366) == [41, 52, 63, 366]  # it has waited for the end of its quarantine, 300 s later
+    assert row(400) == [400]
+
+
 def test_what_was_needed_again_late_had_lasted_whatever_was_done_in_vain_since() -> None:
     first, vain, last = tried("a", helped=True), tried("a", at_s=50), tried("a", helped=True, at_s=90)
     assert relapses([first, vain, last], {"a"}, now_ns=91 * SECOND) == (last,)

@@ -64,22 +64,25 @@ def relapses(
 ) -> tuple[Attempt, ...]:
     """Return the repairs in a row that helped what is suspected now, and did not last; the oldest first.
 
-    Nothing where the last of them lasted: for `relapse_s`, beyond its quarantine if it had one.
+    Nothing where the last of them lasted for `relapse_s`. What is begun as soon after a quarantine ended has
+    waited for that, and did not last either.
     """
     row: list[Attempt] = []
+    soon_ns = int(patience.relapse_s * S_TO_NS)
     lasts = False  # nothing is known to have been wrong since the last one of the row
     for one in sorted(tried, key=lambda one: one.time_ns):
         if one.bad.isdisjoint(suspected):
             continue
         if lasts:
-            soon_ns = int(patience.relapse_s * S_TO_NS) + _backoff_ns(len(row) - patience.relapses, patience)
-            if (one.began_ns or one.time_ns) - row[-1].time_ns > soon_ns:
+            lasted_ns = (one.began_ns or one.time_ns) - row[-1].time_ns
+            waited_ns = _backoff_ns(len(row) - patience.relapses, patience)
+            if lasted_ns > soon_ns and not waited_ns <= lasted_ns <= waited_ns + soon_ns:
                 row = []
             lasts = False
         if one.helped:
             row.append(one)
             lasts = True
-    if lasts and now_ns - row[-1].time_ns > patience.relapse_s * S_TO_NS:
+    if lasts and now_ns - row[-1].time_ns > soon_ns:
         return ()
     return tuple(row)
 
