@@ -37,7 +37,7 @@ The schemas in examples/ follow from these; `./dev format` writes them.
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import Enum
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -176,15 +176,6 @@ class Patient(Protocol):
 
         An agent that was held up for longer has it judge anew. Others bear half of their detection delay.
         """
-        ...
-
-
-@runtime_checkable
-class Published(Protocol):
-    """An observer that says beside its verdict who publishes what it watches."""
-
-    def published_by(self, nodes: Sequence[str]) -> None:
-        """These nodes do, from now on."""
         ...
 
 

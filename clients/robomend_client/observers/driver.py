@@ -47,12 +47,12 @@ from robomend_client.observers.base import (
     Contact,
     NoNumber,
     Observer,
-    Published,
     Publishers,
     Verdict,
     WrongKind,
 )
 from robomend_client.observers.combining import Change, Combined
+from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
 from robomend_client.observers.problems import ObserverProblem, ObserverProblems
@@ -282,7 +282,7 @@ class Driver:
         if self._listener is not None:
             self._listener.publishers(self.now_ns, source, nodes)
         for state in route.states:
-            if isinstance(state.observer, Published):
+            if isinstance(state.observer, GeneralObserver):
                 state.observer.published_by(nodes)
         return changes
 

@@ -44,6 +44,9 @@ MOST_AGAIN_S = 3600.0
 LAPSED_S = 60.0
 """The same of what was given up on, and was only not heard of in between."""
 
+LAG_S = 0.05
+"""What was given up on is not judged by a diagnosis that is behind OBS: the next one wakes us, or this."""
+
 BROKE_S = 15.0
 """The same of a repair that failed for the service's own sake, as on a computer at its limit …"""
 
@@ -160,12 +163,13 @@ class ReasonsToRepair:
         blamed = blamed_now(state)
         bad = self._not_heard(state)
         late_s = state.sight.may_be_late_s(bad)
+        lags = state.current is not None and state.current.revision < state.head
         if blamed is None:
             self._lapsed = self._lapsed or bool(bad)
             if late_s > 0:
                 return late_s + 0.001
             self._unhealthy = self._unwell_s = None
-            if state.current is not None and state.current.healthy and not bad:
+            if state.current is not None and state.current.healthy and not bad and not lags:
                 self.given_up = self.again = None
                 self._lapsed, self._again_s, self._pause_s = False, 0.0, LAPSED_S
                 if self._untouched is not None:  # a person was told already, as often as this has happened
@@ -193,8 +197,8 @@ class ReasonsToRepair:
             if acts and self.retry_ns is not None:
                 return min(IDLE_S, max(0.0, (self.retry_ns - time.time_ns()) / 1e9) + 0.001)
             return IDLE_S
-        if self.given_up is not None and late_s > 0:  # whom else it blames, as not all is heard
-            return late_s + 0.001
+        if self.given_up is not None and (late_s > 0 or lags):  # whom else it blamed, as not all was heard
+            return max(late_s, LAG_S) + 0.001
         if stop.active:
             self.held_by_stop = True
             return IDLE_S
