@@ -58,10 +58,10 @@ def test_for_what_does_not_last_nothing_is_begun_before_its_time_or_a_persons_wo
 
 def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_well_for_a_moment() -> None:
     def state(*bad: tuple[str, ...]) -> Any:
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
         config, parts = SimpleNamespace(policy="auto"), object()
         system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
-        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
+        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
 
     def waits(*bad: tuple[str, ...]) -> bool:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop()) > 0.0
@@ -77,10 +77,10 @@ def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_wel
 
 def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_told_for_ever() -> None:
     def state(*bad: tuple[str, ...]) -> Any:
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
         config, parts = SimpleNamespace(policy="auto"), object()
         system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
-        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
+        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
 
     def wait_s(*bad: tuple[str, ...]) -> float:
         return found.wait_s(cast(Any, state(*bad)), Policy(), Stop())
@@ -108,9 +108,9 @@ def test_what_was_given_up_on_and_only_not_heard_of_is_tried_again_more_and_more
 
     def state(*bad: tuple[str, ...], heard: bool = True) -> Any:
         sight = SimpleNamespace(lapsed_bad=lambda: () if heard else (scan,), may_be_late_s=lambda atoms: 0.0)
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
         config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
-        return SimpleNamespace(current=current, config=config, system=system, sight=sight)
+        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
 
     def begins(robot: Any) -> bool:
         return found.wait_s(cast(Any, robot), Policy(), Stop()) == 0.0

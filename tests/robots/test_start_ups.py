@@ -133,6 +133,19 @@ def test_what_was_not_seen_to_begin_or_took_two_minutes_was_no_start() -> None:
     assert found.may_take_ns("scan") is None
 
 
+def test_a_start_that_a_planted_fault_held_up_until_it_was_undone_teaches_nothing() -> None:
+    found = StartUps()
+    started(found, DRIVER, SCAN, 100, 0.8)
+    heard(
+        found, news(Literal(SCAN, False), 120), news(Literal(DRIVER, False), 121), news(Literal(DRIVER), 122)
+    )
+    found.disturbed()
+    heard(found, news(Literal(SCAN), 180))
+    assert found.may_take_ns("scan") == round(2 * 0.8 * S)
+    started(found, DRIVER, SCAN, 200, 2)  # of the next one it is learned again
+    assert found.may_take_ns("scan") == 2 * 2 * S
+
+
 def test_a_topic_that_was_heard_already_and_comes_back_is_no_start() -> None:
     found = StartUps()
     started(found, DRIVER, SCAN, 100, 0.8)

@@ -274,8 +274,11 @@ class OneDrill:
         tries = record.data.get("tries", 0) + 1
         await record.note(tries=tries)
         try:
-            hand = await self._hand(await self._state())
+            state = await self._state()
+            hand = await self._hand(state)
+            state.sight.start_ups.disturbed()
             result = await signals.unless_halted(hand.undo(f"{record.id}:undo.{tries}"))
+            state.sight.start_ups.disturbed()  # what began meanwhile, too
             done, message = result.ok or result.code == UNDONE_BEFORE, result.message
             by_itself = result.code == UNDONE_BEFORE and tries == 1
         except StoreError:

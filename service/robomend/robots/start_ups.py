@@ -194,6 +194,11 @@ class StartUps:
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
 
+    def disturbed(self) -> None:
+        """What may have held up the starts under way was planted, and is undone now: they teach nothing."""
+        self._awaited.clear()
+        self._undated.clear()
+
     def _ran(self, node: Node, entry: Entry, seen: Seen) -> None:
         now_ns = entry.since_ns or entry.time_ns
         for topic in node.publishes:
