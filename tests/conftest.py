@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import os
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -22,6 +23,8 @@ settings.register_profile("long", deadline=None, suppress_health_check=[HealthCh
 settings.register_profile("robomend", settings.get_profile("long"), max_examples=30)
 settings.register_profile("quick", settings.get_profile("robomend"), max_examples=10)
 settings.load_profile("robomend")
+
+NOWHERE = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  (for as long as the tests run)
 
 gc.disable()  # until all tests are collected, as `robomend serve` does while it loads
 
@@ -92,10 +95,19 @@ def long(request: pytest.FixtureRequest) -> bool:
 
 
 @pytest.fixture(autouse=True)
-def _logs_go_where_the_service_s_go() -> None:
-    """Services in this process log to stderr, as `robomend serve` does: stdout is for results."""
+def _logs_go_where_the_service_s_go(pytestconfig: pytest.Config) -> None:
+    """Services in this process log to stderr, as `robomend serve` does: stdout is for results.
+
+    Between tests nobody catches it, and it would stand among the dots of the run.
+    """
     if (structlog := sys.modules.get("structlog")) is not None:  # the client is tested without it
-        structlog.configure(logger_factory=lambda *_: structlog.PrintLogger(sys.stderr))  # of that moment
+        shown = pytestconfig.getoption("capture") == "no"
+
+        def of_that_moment(*_: object) -> Any:
+            caught = shown or sys.stderr is not sys.__stderr__
+            return structlog.PrintLogger(sys.stderr if caught else NOWHERE)
+
+        structlog.configure(logger_factory=of_that_moment)
 
 
 @pytest.fixture(scope="session")

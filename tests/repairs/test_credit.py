@@ -19,6 +19,8 @@ from robomend.repairs.conclusions import BY_ITSELF
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend.robots.declared import declaration
+from robomend_client.readings import Symptom
 
 pytestmark = pytest.mark.anyio
 
@@ -146,6 +148,20 @@ async def test_what_its_own_act_brought_back_is_credited_to_it(tmp_path: Path) -
     assert repair["state"] == "repaired"
     assert [(done["helped"], done.get("by_itself")) for done in repair["rounds"]] == [(True, None)]
     assert [one.helped for one in memory.tried] == [True]
+
+
+async def test_silence_that_is_over_is_believed_as_soon_as_it_would_be_noticed_again(tmp_path: Path) -> None:
+    """A rate that is a little too slow takes its observer half a minute, and is not what was wrong."""
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.kinds = {"ok(scan)": Symptom.SILENT, "ok(map)": Symptom.SILENT}
+        await robot.settled()
+        state = await runtime.robots.diagnosed("r1")
+        slow = {"ok(scan)": (0.2, 90.0), "ok(map)": (0.2, 90.0)}
+        state.sight.declared.hear(declaration("observers", None, (), slow, state.system.vocabulary))
+        robot.cut("lidar")
+        repair = await the_repair(runtime, timeout_s=60)  # not 90
+    assert repair["state"] == "repaired"
+    assert [done["helped"] for done in repair["rounds"]] == [True]
 
 
 class TwoHosts(Robot):

@@ -490,6 +490,30 @@ def test_what_waits_for_an_input_is_due_after_that_and_what_hangs_on_a_device_af
     assert found.drivable_ns("driver", SLOW, seen) == 0
 
 
+def test_observers_have_their_time_once_however_many_topics_wait_for_each_other() -> None:
+    found = StartUps()
+    seen = Seen(rose={MAPPING: 1000 * S, DRIVER: 1000 * S})
+    started(found, DRIVER, SCAN, 100, 4)
+    started(found, MAPPING, MAP, 100, 2)
+    assert due_s(found, seen, SCAN, MAP) == pytest.approx(6 + 3 + 0.5 + SLACK_NS / S)
+
+
+def test_who_still_sees_nothing_when_it_was_due_is_not_waited_for_until_it_would_have_judged(
+    clock: SimpleNamespace,
+) -> None:
+    found = StartUps()
+    seen = Seen(rose={DRIVER: 1000 * S})
+    seen.delays = lambda atom: Delays(S, 20 * S)  # type: ignore[method-assign]  # a rate takes it long
+    started(found, DRIVER, SCAN, 100, 4)
+    assert due_s(found, seen, SCAN) == pytest.approx(6 + 20 + SLACK_NS / S)
+    clock.time_ns = seen.looked[SCAN] = round(1006.9 * S)
+    assert due_s(found, seen, SCAN) > 19
+    clock.time_ns = seen.looked[SCAN] = 1007 * S  # silence is seen within a second
+    assert due_s(found, seen, SCAN) <= 0
+    seen.values[SCAN] = None  # type: ignore[assignment]  # something comes, and is being judged
+    assert due_s(found, seen, SCAN) > 19
+
+
 def test_circles_of_topics_end() -> None:
     nodes = {
         "a": Node("a", publishes={"x": ("y",)}, start_s=10.0),

@@ -37,6 +37,7 @@ from robomend.robots.sight import SLACK_NS, SLACK_S
 from robomend.store.records import Json
 from robomend_client.actions import REFUSED, UNREACHABLE, Action, ActionResult
 from robomend_client.literals import Atom
+from robomend_client.readings import Symptom
 
 LOOK_S = 0.25
 
@@ -44,6 +45,9 @@ MOST_STAYS_S = 60.0
 """For what came back to stay, however slow its observers are."""
 
 DID_NOT_ACT = frozenset({REFUSED, UNREACHABLE})
+
+SOON_SEEN = frozenset({Symptom.SILENT, Symptom.ENDED})
+"""What observers notice within their detection delay, should it come back."""
 
 
 class Confirming:
@@ -176,8 +180,10 @@ class Confirming:
         ends = []
         for atom in self._symptoms_of(bad):
             if (rose_ns := self._rose_ns(atom)) is not None:
-                delays = sight.delays(atom)
-                ends.append(rose_ns + max(delays.detection_ns, delays.settling_ns))
+                delays, reading = sight.delays(atom), self._symptoms[atom].reading
+                soon = reading is not None and reading.symptom in SOON_SEEN
+                again_ns = delays.detection_ns if soon else max(delays.detection_ns, delays.settling_ns)
+                ends.append(rose_ns + again_ns)
         return (max(ends) + sight.on_its_way_ns() - now_ns) / 1e9 if ends else 0.0
 
     def _rose_ns(self, atom: Atom) -> int | None:

@@ -382,8 +382,19 @@ class StartUps:
             usual_s: what a driver has from when its device has booted, where nothing is known of its starts.
         """
         now_ns, usual_ns = CLOCK.now_ns(), round(usual_s * 1e9)
-        due_ns = max((self._due_ns(one.atom, usual_ns, parts, seen) for one in missing), default=0)
+        due_ns = max((self._shown_ns(one.atom, usual_ns, parts, seen) for one in missing), default=0)
         return (min(due_ns, now_ns + MOST_NS) - now_ns) / 1e9
+
+    def _shown_ns(self, atom: Atom, usual_ns: int, parts: ComponentModel, seen: Seen) -> int:
+        """Return when an observer may be due to say that something is there; 0: nothing says."""
+        due_ns = self._due_ns(atom, usual_ns, parts, seen)
+        if not due_ns or atom.predicate != "ok":
+            return due_ns
+        delays = seen.delays(atom)
+        denied_ns = due_ns + min(delays.detection_ns, delays.settling_ns)
+        if seen.value(atom) is False and seen.looked_ns(atom) >= denied_ns:
+            return denied_ns  # who sees nothing for so long after it was due waits for nothing
+        return due_ns + delays.settling_ns + SLACK_NS
 
     def _due_ns(
         self,
@@ -393,7 +404,7 @@ class StartUps:
         seen: Seen,
         above: frozenset[Atom] = frozenset(),
     ) -> int:
-        """Return when something may be due; 0: nothing says. `above`: what waits for it."""
+        """Return when something may be due, seen or not; 0: nothing says. `above`: what waits for it."""
         (name,) = atom.args if len(atom.args) == 1 else ("",)
         if atom.predicate == Hardware.state and name in parts.hardware:
             return self.booted_ns(name, parts, seen)
@@ -417,7 +428,7 @@ class StartUps:
                 due_ns = max(began_ns, booted_ns, coming_ns, *there) + _with_room(own_ns)
             else:
                 due_ns = max(coming_ns, booted_ns + usual_ns if booted_ns else 0)
-            latest_ns = max(latest_ns, due_ns + seen.delays(atom).settling_ns + SLACK_NS if due_ns else 0)
+            latest_ns = max(latest_ns, due_ns)
         return latest_ns
 
     def booted_ns(self, device: str, parts: ComponentModel, seen: Seen) -> int:
