@@ -10,7 +10,7 @@ import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api.strict_json import loads
+from robomend.api.body import loads
 from robomend.errors import TooDeep
 
 JSON = {"Content-Type": "application/json"}

@@ -19,7 +19,7 @@ from structlog.testing import capture_logs
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import control_lane, loop_watch
+from robomend.api import control_lane, store_probe
 from robomend.api.control_lane import HURRY_S, ControlLane
 from robomend.api.routers import operation
 from robomend.errors import StoreFull
@@ -207,7 +207,7 @@ def test_what_follows_an_answer_at_once_is_answered_too(service: Service) -> Non
 def test_a_frozen_loop_is_neither_healthy_nor_ready(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_watch, "FROZEN_S", 0.05)
+    monkeypatch.setattr(store_probe, "FROZEN_S", 0.05)
     monkeypatch.setattr("robomend.api.routers.operation.DELAY_S", 0.05)
     with held_loop(service):
         until(lambda: fresh(service, "GET", "/healthz").status_code == 503, "healthy while it is frozen")

@@ -11,7 +11,7 @@ from tests.api.repairs_double import REPAIR
 from tests.clients.bridges.hearing import hearing
 from tests.waiting import until
 
-from robomend.api.sovd import STATUS, execution
+from robomend.api.routers.sovd import STATUS, execution
 from robomend.repairs.states import RepairState
 
 SILENT = ["not ok(scan)", "running(hokuyo_node)", "on(hokuyo)", "on(jaguar)"]

@@ -84,7 +84,11 @@ def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
 
 OTHER_WORDS = {
     # SOVD's states of an execution
-    *((place, word) for place in ("api/sovd.py", "api/schemas/sovd.py") for word in ("running", "failed")),
+    *(
+        (place, word)
+        for place in ("api/routers/sovd.py", "api/schemas/sovd.py")
+        for word in ("running", "failed")
+    ),
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/batch.py", "running"),  # a batch's states

@@ -18,8 +18,7 @@ from typing import IO, Any, TypeVar
 from pydantic import ValidationError
 from starlette.requests import Request
 
-from robomend.api import strict_json
-from robomend.api.body import BYTES_PER_S, check_content_type, content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, content_type, loads_in_turn, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.problems import Problem, of_body
 from robomend.api.schemas.base import In
@@ -71,7 +70,7 @@ async def read_json(request: Request, settings: Settings, readers: Readers) -> B
     """Return what a JSON body asks for."""
     limit = max(settings.max_body_bytes, 2 * settings.max_model_bytes)
     chunks = [chunk async for chunk in read_chunks(request, limit, settings.body_timeout_s, BYTES_PER_S)]
-    value = await strict_json.loads_in_turn(b"".join(chunks), settings.max_nesting, readers)
+    value = await loads_in_turn(b"".join(chunks), settings.max_nesting, readers)
     return validated(BatchBody, value)
 
 

@@ -12,11 +12,10 @@ from typing import Annotated
 from fastapi import Depends, Header, Path, Query, Request
 from pydantic import AfterValidator, AwareDatetime
 
-from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
 from robomend.api.schemas.base import MAX_INT, NAME, one_line
 from robomend.api.shedding import LoadShedding
-from robomend.api.store_probe import StoreProbe
+from robomend.api.store_probe import LoopWatch, StoreProbe
 from robomend.api.streams import Hub
 from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills

@@ -35,8 +35,7 @@ from robomend.api.express import PATH, RULE, Express
 from robomend.api.origin import by_name, foreign
 from robomend.api.problems import Problem, unforeseen
 from robomend.api.protocol import LINGER_BYTES, LINGER_S
-from robomend.api.rates import Bucket
-from robomend.api.shedding import LoadShedding
+from robomend.api.shedding import Bucket, LoadShedding
 from robomend.logs import PRINCIPAL, REQUEST, debugging
 from robomend.memory_limits import out_of_memory
 from robomend.metrics import Metrics

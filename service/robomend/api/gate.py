@@ -26,7 +26,7 @@ from robomend.api.admitted import AGAIN
 from robomend.api.body import StrictRequest
 from robomend.api.origin import by_name, foreign
 from robomend.api.problems import Problem
-from robomend.api.rates import Bucket
+from robomend.api.shedding import Bucket
 from robomend.api.sign_in import SignIns
 from robomend.errors import RobomendError
 from robomend.logs import PRINCIPAL

@@ -20,8 +20,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Scope
 
-from robomend.api import strict_json
-from robomend.api.body import BYTES_PER_S, check_content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, loads, loads_in_turn, read_chunks
 from robomend.api.deps import Parts, reporter_of
 from robomend.api.problems import Problem, of_body, of_error
 from robomend.api.schemas.observations import OBSERVATIONS, ObservationsBody
@@ -60,7 +59,7 @@ async def read_batch(
     chunks = read_chunks(request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S)
     body = b"".join([chunk async for chunk in chunks])
     check_content_type(request, "application/json", NDJSON)
-    batch = batch_of(await strict_json.loads_in_turn(body, settings.max_nesting, parts.robots.readers))
+    batch = batch_of(await loads_in_turn(body, settings.max_nesting, parts.robots.readers))
     once = None if key is None else once_of(request.scope, principal, key, hashlib.sha256(body).hexdigest())
     return batch, once
 
@@ -119,7 +118,7 @@ async def ingest(
                 continue
             unread = True
             _check_length(line, parts.settings.max_line_bytes)
-            batch = batch_of(strict_json.loads(line, parts.settings.max_nesting))
+            batch = batch_of(loads(line, parts.settings.max_nesting))
             unread = False
             group.append(batch)
             sentences += len(batch.observations) + len(batch.assertions)

@@ -15,9 +15,8 @@ from fastapi import FastAPI
 
 from robomend.api.app import create_app
 from robomend.api.deps import Parts
-from robomend.api.loop_watch import LoopWatch
 from robomend.api.shedding import LoadShedding
-from robomend.api.store_probe import StoreProbe
+from robomend.api.store_probe import LoopWatch, StoreProbe
 from robomend.api.streams import Hub
 from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills

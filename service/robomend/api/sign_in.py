@@ -23,7 +23,7 @@ from starlette.responses import Response
 
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem
-from robomend.api.rates import Bucket
+from robomend.api.shedding import Bucket
 from robomend.errors import NotFound
 from robomend.security import Principal, Role, digest
 from robomend.settings import Settings

@@ -13,8 +13,7 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 from pydantic import ValidationError
 
-from robomend.api import strict_json
-from robomend.api.body import BYTES_PER_S, check_content_type, content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, content_type, loads_in_turn, read_chunks
 from robomend.api.deps import (
     IfMatch,
     IfNoneMatch,
@@ -72,7 +71,7 @@ async def read_model(request: Request, settings: Settings, readers: Readers) -> 
     if text:
         value: Any = {"source": _decoded(body)}
     else:
-        value = await strict_json.loads_in_turn(body, settings.max_nesting, readers)
+        value = await loads_in_turn(body, settings.max_nesting, readers)
     try:
         return ModelBody.model_validate(value)
     except ValidationError as error:

@@ -19,10 +19,9 @@ from fastapi import APIRouter, Response
 from robomend.api.deps import Parts, PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import RETRY_AFTER_S, Problem
 from robomend.api.schemas.operation import Check, Readiness
-from robomend.api.store_probe import ANSWER_S
+from robomend.api.store_probe import ANSWER_S, LoopWatch
 from robomend.metrics import CONTENT_TYPE
 from robomend.version import version_info
 

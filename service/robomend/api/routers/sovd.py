@@ -1,4 +1,12 @@
-"""/robots/{robot}/sovd: a robot for tools that read SOVD and ros2_medkit."""
+"""/robots/{robot}/sovd: a robot for tools that read SOVD and ros2_medkit.
+
+| SOVD                               | here                                                         |
+| ---------------------------------- | ------------------------------------------------------------ |
+| component                          | a component of the model                                     |
+| fault, ERROR and CONFIRMED         | bad in every diagnosis, and all of them are known            |
+| fault, WARN and PREFAILED          | bad in some                                                  |
+| execution of the operation repair  | a repair: pending, running, completed (seen to help), failed |
+"""
 
 from __future__ import annotations
 
@@ -7,7 +15,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Response
 
-from robomend.api import sovd
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
@@ -20,7 +27,66 @@ from robomend.api.schemas.sovd import (
     SovdOperation,
 )
 from robomend.errors import NotFound, StateConflict
+from robomend.repairs.states import RepairState
 from robomend.security import API
+
+REPAIR = "repair"
+"""The one operation."""
+
+OPERATION = SovdOperation(id=REPAIR, name=REPAIR, asynchronous_execution=True)
+
+STATUS = {
+    RepairState.WAITING: "pending",
+    RepairState.PLANNING: "pending",
+    RepairState.AWAITING_APPROVAL: "pending",
+    RepairState.RUNNING: "running",
+    RepairState.VERIFYING: "running",
+    RepairState.REPAIRED: "completed",
+    RepairState.UNCONFIRMED: "failed",
+    RepairState.ESCALATED: "failed",
+    RepairState.CANCELLED: "failed",
+    RepairState.FAILED: "failed",
+}
+
+
+def root(robot: str) -> str:
+    return f"{API}/robots/{robot}/sovd"
+
+
+def entities(robot: str, result: Mapping[str, Any]) -> list[SovdEntity]:
+    """Return all components that the diagnoses speak of."""
+    names = sorted({name for one in result["diagnoses"] for name in (*one["bad"], *one["good"])})
+    return [SovdEntity(id=name, name=name, href=f"{root(robot)}/components/{name}") for name in names]
+
+
+def faults(result: Mapping[str, Any], time_ns: int) -> list[SovdFault]:
+    """Return the components that any diagnosis blames."""
+    diagnoses = result["diagnoses"]
+    found = []
+    for name in sorted({name for one in diagnoses for name in one["bad"]}):
+        blaming = [one for one in diagnoses if name in one["bad"]]
+        certain = len(blaming) == len(diagnoses) and result.get("complete", False)
+        found.append(
+            SovdFault(
+                fault_code=f"BAD:{name}",
+                severity=2 if certain else 1,
+                severity_label="ERROR" if certain else "WARN",
+                description=blaming[0].get("text") or ", ".join(blaming[0]["bad"]),
+                status="CONFIRMED" if certain else "PREFAILED",
+                reporting_sources=[name],
+                last_occurred=time_ns / 1e9,
+            )
+        )
+    return found
+
+
+def execution(repair: Mapping[str, Any]) -> SovdExecution:
+    """Return a repair as an execution."""
+    state = RepairState(repair["state"])
+    return SovdExecution.model_validate(
+        {"id": repair["id"], "status": STATUS[state], "x-robomend-state": state}
+    )
+
 
 MOST_EXECUTIONS = 100
 
@@ -33,7 +99,7 @@ router = APIRouter(prefix=f"{API}/robots/{{robot}}/sovd", tags=["sovd"], route_c
 async def list_sovd_components(robot: RobotPath, parts: PartsDep) -> Items[SovdEntity]:
     """List the robot's components; a conflict while there is no diagnosis."""
     result, _ = await _diagnosis(parts, robot)
-    return Items(items=sovd.entities(robot, result))
+    return Items(items=entities(robot, result))
 
 
 @router.get("/apps", responses=problems(404))
@@ -46,7 +112,7 @@ async def list_sovd_apps(robot: RobotPath, parts: PartsDep) -> Items[SovdEntity]
 @router.get("/faults", responses=problems(404, 409))
 async def list_sovd_faults(robot: RobotPath, parts: PartsDep) -> Items[SovdFault]:
     """List the components that the diagnoses blame; a conflict while there is no diagnosis."""
-    return Items(items=sovd.faults(*await _diagnosis(parts, robot)))
+    return Items(items=faults(*await _diagnosis(parts, robot)))
 
 
 @router.get("/components/{component}/faults", responses=problems(404, 409))
@@ -55,9 +121,9 @@ async def list_sovd_faults_of_component(
 ) -> Items[SovdFault]:
     """List the fault of one component, if it is blamed."""
     result, time_ns = await _diagnosis(parts, robot)
-    if component not in (entity.id for entity in sovd.entities(robot, result)):
+    if component not in (entity.id for entity in entities(robot, result)):
         raise NotFound(f"robot {robot} has no component {component!r}")
-    found = sovd.faults(result, time_ns)
+    found = faults(result, time_ns)
     return Items(items=[fault for fault in found if fault.reporting_sources == [component]])
 
 
@@ -65,7 +131,7 @@ async def list_sovd_faults_of_component(
 async def list_sovd_operations(robot: RobotPath, parts: PartsDep) -> Items[SovdOperation]:
     """List what can be asked for: a repair."""
     await parts.robots.diagnosed(robot)
-    return Items(items=[sovd.OPERATION])
+    return Items(items=[OPERATION])
 
 
 @router.post("/operations/repair/executions", status_code=202, responses=problems(404, 409, body=True))
@@ -79,15 +145,15 @@ async def create_sovd_execution(
     """Ask for a repair, under the robot's policy like any other; a conflict while one is open."""
     wanted = body.parameters
     repair = await parts.repairs.create(robot, bad=wanted.bad, by=principal.name, reason=wanted.reason)
-    response.headers["Location"] = f"{sovd.root(robot)}/operations/repair/executions/{repair['id']}"
-    return sovd.execution(repair)
+    response.headers["Location"] = f"{root(robot)}/operations/repair/executions/{repair['id']}"
+    return execution(repair)
 
 
 @router.get("/operations/repair/executions", responses=problems(404))
 async def list_sovd_executions(robot: RobotPath, parts: PartsDep) -> Items[SovdExecution]:
     """List the robot's newest repairs."""
     found = await parts.repairs.repairs(robot, before=None, limit=MOST_EXECUTIONS)
-    return Items(items=[sovd.execution(repair) for repair in found])
+    return Items(items=[execution(repair) for repair in found])
 
 
 @router.get("/operations/repair/executions/{repair}", responses=problems(404))
@@ -96,7 +162,7 @@ async def get_sovd_execution(robot: RobotPath, repair: RepairPath, parts: PartsD
     found = await parts.repairs.repair(repair)
     if found["robot"] != robot:
         raise NotFound(f"robot {robot} has no repair {repair!r}")
-    return sovd.execution(found)
+    return execution(found)
 
 
 async def _diagnosis(parts: Parts, robot: str) -> tuple[Mapping[str, Any], int]:
