@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -58,7 +59,7 @@ CONFIG: dict[str, Any] = {
     "detection_s": 0.0,
     "limits": {"attempts_per_hour": 100, "rounds": 6},
     "actions": {
-        name: {"executor": {"kind": "agent"}, "timeout_s": 2.0, "effect_timeout_s": 1.0}
+        name: {"executor": {"kind": "agent"}, "timeout_s": 20.0, "effect_timeout_s": 1.0}
         for name in ("power_up", "shutdown", "start_node", "stop_node")
     },
 }
@@ -218,12 +219,12 @@ async def the_repair(
     runtime: Runtime, robot: str = "r1", *, ended: bool = True, timeout_s: float = 60.0
 ) -> dict[str, Any]:
     """Return the robot's latest repair, once it has ended (or awaits approval)."""
-    began = time.monotonic()
-    async with asyncio.timeout(timeout_s):
-        while True:
-            repairs = await runtime.repairs.repairs(robot, before=None, limit=1)
-            if repairs:
-                repair = dict(repairs[0])
-                if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":
-                    return repair
-            await asyncio.sleep(look_s(time.monotonic() - began))  # until the next look
+    began, repair = time.monotonic(), dict[str, Any]()
+    while (waited_s := time.monotonic() - began) < timeout_s:
+        repairs = await runtime.repairs.repairs(robot, before=None, limit=1)
+        if repairs:
+            repair = dict(repairs[0])
+            if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":
+                return repair
+        await asyncio.sleep(look_s(waited_s))  # until the next look
+    raise AssertionError(f"waited {timeout_s:g} s in vain: {json.dumps(repair, indent=1, default=str)}")
