@@ -16,7 +16,6 @@ from pathlib import Path
 
 import click
 import pytest
-from tests import processor
 from tests.blocks import ROOT
 
 from robomend.cli.commands import cli
@@ -125,14 +124,8 @@ def _demo(arguments: list[str], pytest_of: pytest.Config) -> None:
     _click(cli, "robomend", ["demo", *arguments])
 
 
-def _processor(arguments: list[str], pytest_of: pytest.Config) -> None:
-    asked = processor.read_options(arguments)
-    assert set(asked.only.split(",")) <= processor.SUITES.keys()
-
-
 DEV: dict[str, Callable[[list[str], pytest.Config], None]] = {
     "demo": _demo,
-    "processor": _processor,
     "test": _tests,
 }
 """What `./dev` hands its options to."""

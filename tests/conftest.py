@@ -16,7 +16,6 @@ import pytest
 from hypothesis import HealthCheck, settings
 from tests.forked import at_once, share, shared
 from tests.order import dealt, load
-from tests.spent import Meter, Sums
 
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
 settings.register_profile("long", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -34,18 +33,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--quick", action="store_true", help="fewer examples of each property, and no slow tests"
     )
-    parser.addoption("--spent", action="store_true", help="tell the processor time of rooms, files and tests")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         shared(config.workerinput["template"])
-    if config.getoption("--spent"):
-        at_work = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
-        if at_work:
-            config.pluginmanager.register(Meter())
-        if not hasattr(config, "workerinput"):
-            config.pluginmanager.register(Sums())
     if config.getoption("--long"):
         settings.load_profile("long")
     elif config.getoption("--quick"):

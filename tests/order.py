@@ -41,7 +41,6 @@ LONG = (
     "clients/bridges",
     "api/test_process.py",
     "api/test_generated_client.py",
-    "test_mutate.py",
 )
 """Rooms and files of more than about ten seconds, the longest first. The first that fits counts."""
 

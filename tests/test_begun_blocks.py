@@ -79,7 +79,6 @@ SHORT: dict[str, tuple[str, ...]] = {
         *("--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "2", "--observations", "200"),
         *("--moments", "2", "--attackers", "2", "--pages", "2"),
     ),
-    "./dev processor": ("--pairs", "1", "--only", "plans"),
 }
 """Options that make less of a program's work: added at the end of a line, they count."""
 

@@ -419,7 +419,6 @@ def test_a_word_that_a_command_does_not_take_is_noticed(folder: Path, pytestconf
         "./dev test tests/drills/test_command.py --longer",
         "./dev test tests/drills/test_command.py -k every_falt",
         "./dev tests",
-        "./dev processor HEAD --only plan",
         "ros2 launch robomend_ros feeder.launch.py buss:=x",
         "robomend-bench robots | grep 'x",
     ):
