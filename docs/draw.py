@@ -15,7 +15,7 @@ from robomend.batches import states as batches
 from robomend.cli.schema import FILES, schema_name, schema_text
 from robomend.drills import states as drills
 from robomend.repairs import states
-from robomend.robots import states as held
+from robomend.robots import robot as held
 from robomend.transitions import diagram
 
 PAGES = Path(__file__).parent

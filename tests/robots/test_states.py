@@ -16,8 +16,7 @@ from tests.examples import examples
 import robomend
 from robomend.model.loading import load_text
 from robomend.robots.current import Current
-from robomend.robots.robot import Robot, Writing
-from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, SearchTrigger
+from robomend.robots.robot import HELD, SEARCH, Held, HeldTrigger, Robot, Search, SearchTrigger, Writing
 from robomend.store.records import StoredModel, StoredObs, StoredRobot
 from robomend.transitions import NoTransition, after
 

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from robomend.robots.turnstile import Turnstile
+from robomend.robots.robot import Turnstile
 
 pytestmark = pytest.mark.anyio
 

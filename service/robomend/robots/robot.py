@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from enum import StrEnum
 from itertools import chain
 from typing import NamedTuple
 
@@ -21,16 +23,194 @@ from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
 from robomend.observations.obs import Belief, Obs, Retracted, consequences
 from robomend.robots.batches import Update, Words
-from robomend.robots.circles import Circles, extended
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.current import Current
 from robomend.robots.sight import Sight
-from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, SearchTrigger
-from robomend.robots.turnstile import Turnstile
 from robomend.store import records
+from robomend.store.records import Json
 from robomend.transitions import after
 from robomend_client.literals import Atom, Literal
+
+# --- waiting for a number to grow: how long polls and the repair loop wait for OBS and diagnoses.
+
+
+class Turnstile:
+    """A number that only grows, and those who wait for it. Belongs to one event loop."""
+
+    __slots__ = ("_waiters", "value")
+
+    def __init__(self, value: int = 0) -> None:
+        self.value = value
+        self._waiters: set[asyncio.Future[None]] = set()
+
+    @property
+    def awaited(self) -> bool:
+        """Whether anybody waits."""
+        return bool(self._waiters)
+
+    def advance(self, value: int) -> None:
+        """Let everyone through who waits for this or less."""
+        if value > self.value:
+            self.value = value
+            self.wake()
+
+    def wake(self) -> None:
+        """Let everyone look again."""
+        if self._waiters:
+            for waiter in self._waiters:
+                if not waiter.done():
+                    waiter.set_result(None)
+            self._waiters.clear()
+
+    async def beyond(self, value: int, timeout_s: float) -> int:
+        """Return the number once it is above `value`, or whatever it is after the time-out or a wake."""
+        if self.value > value:
+            return self.value
+        waiter = asyncio.get_running_loop().create_future()
+        self._waiters.add(waiter)
+        try:
+            async with asyncio.timeout(timeout_s):
+                await waiter
+        except TimeoutError:
+            pass
+        finally:
+            self._waiters.discard(waiter)
+        return self.value
+
+
+# --- the states of a robot in memory, and how each comes from the one before; docs/design.md draws them.
+#
+# Two things go on side by side: what is held may grow stale and is read again, and a diagnosis may be under
+# way. Only Robot changes either.
+
+
+class Held(StrEnum):
+    """How what is held stands to the store."""
+
+    UNREAD = "unread"
+    FRESH = "fresh"  # as the store has it, or ahead of it by the writes under way
+    STALE = "stale"  # read again before its next use
+    GONE = "gone"  # deleted; whoever still holds it lets go
+
+
+class HeldTrigger(StrEnum):
+    """What happens to what is held."""
+
+    READ = "read from the store"
+    ACCEPTED = "a batch is taken in, its write begins"
+    KEPT = "a write is on disk"
+    NOT_KEPT = "a write failed, or was of a batch that is there already"
+    CHANGED = "changed by another instance, configured, or given a new model"
+    DELETED = "deleted"
+
+
+HELD: dict[tuple[Held, HeldTrigger], Held] = {
+    (Held.UNREAD, HeldTrigger.READ): Held.FRESH,
+    (Held.FRESH, HeldTrigger.READ): Held.FRESH,
+    (Held.FRESH, HeldTrigger.ACCEPTED): Held.FRESH,
+    (Held.FRESH, HeldTrigger.KEPT): Held.FRESH,
+    (Held.FRESH, HeldTrigger.NOT_KEPT): Held.STALE,
+    (Held.FRESH, HeldTrigger.CHANGED): Held.STALE,
+    (Held.FRESH, HeldTrigger.DELETED): Held.GONE,
+    (Held.STALE, HeldTrigger.READ): Held.FRESH,
+    (Held.STALE, HeldTrigger.ACCEPTED): Held.STALE,  # the store will refuse it, and it is tried again
+    (Held.STALE, HeldTrigger.KEPT): Held.STALE,
+    (Held.STALE, HeldTrigger.NOT_KEPT): Held.STALE,
+    (Held.STALE, HeldTrigger.CHANGED): Held.STALE,
+    (Held.STALE, HeldTrigger.DELETED): Held.GONE,
+    (Held.GONE, HeldTrigger.ACCEPTED): Held.GONE,  # by who still holds it; the store refuses it
+    (Held.GONE, HeldTrigger.KEPT): Held.GONE,
+    (Held.GONE, HeldTrigger.NOT_KEPT): Held.GONE,
+    (Held.GONE, HeldTrigger.CHANGED): Held.GONE,
+}
+
+
+class Search(StrEnum):
+    """Whether a diagnosis is under way: one at a time, and one pending."""
+
+    IDLE = "idle"
+    UNDER_WAY = "under-way"
+    PENDING = "pending"  # one is under way, and one more comes after it
+
+
+class SearchTrigger(StrEnum):
+    """What happens to a diagnosis under way."""
+
+    WOKEN = "something changed"
+    BEGAN = "OBS is read"
+    CAME = "the diagnosis came"
+    GAVE_UP = "it failed, or was cancelled"
+
+
+SEARCH: dict[tuple[Search, SearchTrigger], Search] = {
+    (Search.IDLE, SearchTrigger.WOKEN): Search.UNDER_WAY,
+    (Search.UNDER_WAY, SearchTrigger.WOKEN): Search.PENDING,
+    (Search.PENDING, SearchTrigger.WOKEN): Search.PENDING,
+    (Search.UNDER_WAY, SearchTrigger.BEGAN): Search.UNDER_WAY,
+    (Search.PENDING, SearchTrigger.BEGAN): Search.UNDER_WAY,
+    (Search.UNDER_WAY, SearchTrigger.CAME): Search.IDLE,
+    (Search.PENDING, SearchTrigger.CAME): Search.UNDER_WAY,
+    (Search.UNDER_WAY, SearchTrigger.GAVE_UP): Search.IDLE,
+    (Search.PENDING, SearchTrigger.GAVE_UP): Search.IDLE,
+}
+
+
+# --- which circles of topics (robomend.model.loops) were up on a robot, and the system description with them.
+#
+# Held in memory. After a restart of the service it is read off OBS, and off the last diagnosis: where that
+# rests on a circle's clause, the circle was up.
+
+
+class Circles:
+    """Of one robot in memory."""
+
+    __slots__ = ("_once_ok",)
+
+    def __init__(self) -> None:
+        self._once_ok: set[Atom] = set()
+
+    def hear(self, entries: Iterable[Entry]) -> None:
+        """Take note of what is seen to hold."""
+        self._once_ok.update(entry.atom for entry in entries if entry.positive)
+
+    def were_up(self, system: System, result: Json | None) -> None:
+        """Take note of the circles that a stored diagnosis rests on."""
+        conflicts = () if result is None else result.get("conflicts", ())
+        told = {rule for conflict in conflicts for rule in conflict.get("rules", ())}
+        for loop in system.loops:
+            if loop.clause.text in told:
+                self._once_ok.update(loop.atoms)
+
+    def up(self, system: System, obs: Obs, stopped: Collection[str]) -> tuple[Assertion, ...]:
+        """Return the clauses of the circles that were up, and of which no part is meant to be stopped."""
+        return tuple(
+            loop.clause
+            for loop in system.loops
+            if loop.components.isdisjoint(stopped)
+            and loop.was_up((atom for atom in loop.atoms if obs.get(atom) is not None), self._once_ok)
+        )
+
+
+VARIANTS = 64
+"""Systems as robots make them, kept: a fleet of one model has few, and each is as large as the model."""
+
+_variants: OrderedDict[tuple[int, str], tuple[System, System]] = OrderedDict()
+
+
+def extended(
+    system: System, version: str, assertions: tuple[Assertion, ...], stopped: tuple[str, ...]
+) -> System:
+    """Return what `System.extended` makes of a system; the same for all robots of which that is so.
+
+    `version`: see robomend.model.system.variant; equal ones are equal clauses.
+    """
+    key = (id(system), version)  # the entry keeps the system alive, so that no other gets its id
+    known = _variants.pop(key, None) or (system, system.extended(assertions, stopped))
+    _variants[key] = known
+    while len(_variants) > VARIANTS:
+        _variants.popitem(last=False)
+    return known[1]
 
 
 class Writing(NamedTuple):

@@ -11,11 +11,14 @@ configuring.py has what is set of each. All belongs to one event loop.
 from __future__ import annotations
 
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
 
 import structlog
 
 from robomend.board.link import LinkState
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.entry import Entry
 from robomend.errors import InputError, NotFound, ObservationError, Overloaded, RobomendError, StateConflict
 from robomend.metrics import Metrics
 from robomend.robots import configuring
@@ -26,20 +29,236 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import Diagnosing
-from robomend.robots.following import Following
 from robomend.robots.health import HealthWatch
 from robomend.robots.memory import Memory
 from robomend.robots.readers import Readers
-from robomend.robots.renewing import Renewing
 from robomend.robots.reporters import OURSELVES, Reporter, Reports, note
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
-from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, observations, start_ups
 from robomend.store.records import IdempotencyKey, Json
-from robomend_client.events import Kind
+from robomend_client.events import Event, Kind
 from robomend_client.literals import Literal
+
+SETTLE_S = 0.1
+"""How long an answer waits for a diagnosis that is under way; a small model's takes a hundredth of it."""
+
+LOOK_S = 0.25
+"""How often a wait looks again, for a change that was lost with its database connection."""
+
+
+class Waiting:
+    """Those who wait for a diagnosis: long polls, requests that want the newest one, the repair loop.
+
+    Belongs to one event loop.
+    """
+
+    def __init__(self, diagnosing: Diagnosing, metrics: Metrics, most: int) -> None:
+        """`most` requests may be in a long poll."""
+        self._diagnosing = diagnosing
+        self._metrics = metrics
+        self._most = most
+        self.requests = 0
+        metrics.on_demand("robomend_waiting", "requests in a long poll", (), lambda: [((), self.requests)])
+
+    async def beyond(self, robot: Robot, after: int | None, timeout_s: float) -> None:
+        """Return when there is a diagnosis of a revision newer than `after`, or than the current one.
+
+        Raises:
+            Overloaded: too many wait already.
+        """
+        deadline = time.monotonic() + timeout_s
+        count = robot.diagnosed.value
+        async with self.counted():
+            if robot.stale:  # another instance knows more
+                self._diagnosing.wake(robot)
+            while not (self._diagnosing.closing or robot.gone):
+                if after is not None and robot.current is not None and robot.current.revision > after:
+                    return
+                left = deadline - time.monotonic()
+                now = await robot.diagnosed.beyond(count, left) if left > 0 else count
+                if left <= 0 or (after is None and now > count):
+                    return
+                count = now
+
+    async def settled(self, robot: Robot) -> None:
+        """Have the diagnosis of OBS as it is now, or a newer one, if that is to be had in a moment.
+
+        A small model's is made here and now, before it is published: whoever asks need not wait for the disk.
+        Others are waited for a little, and so are writes under way, which memory has already.
+        """
+        revision, deadline = robot.revision, time.monotonic() + SETTLE_S
+        while not (self._diagnosing.closing or robot.gone or _is_diagnosed(robot, revision)):
+            left = deadline - time.monotonic()
+            if robot.stale:  # another instance was faster
+                if left <= 0:
+                    return
+                await robot.refreshed()
+            elif not robot.writing and (current := self._diagnosing.at_once(robot, robot.revision)):
+                robot.looked_up(current)
+            elif left <= 0 or not (robot.writing or robot.diagnosing):
+                return
+            elif robot.writing:
+                await robot.observed.beyond(robot.revision, left)
+            else:
+                await robot.diagnosed.beyond(robot.diagnosed.value, left)
+
+    async def result(self, robot: Robot) -> DiagnosisResult:
+        """Return the diagnosis of OBS as it is now, once there is one; a fault in its place is raised."""
+        while True:
+            await robot.refreshed()
+            current = robot.current
+            if current is not None and current.answer is not None and current.revision >= robot.revision:
+                return current.answer.result_or_fault()
+            count = robot.diagnosed.value
+            if not robot.diagnosing:
+                self._diagnosing.wake(robot)
+            await robot.diagnosed.beyond(count, LOOK_S)
+
+    @asynccontextmanager
+    async def counted(self) -> AsyncIterator[None]:
+        """Count a request that waits. Overloaded when there are too many."""
+        if self.requests >= self._most:
+            self._metrics.refused.labels("waiters").inc()
+            raise Overloaded(f"{self.requests} requests wait already; that is the limit")
+        self.requests += 1
+        try:
+            yield
+        finally:
+            self.requests -= 1
+
+
+def _is_diagnosed(robot: Robot, revision: int) -> bool:
+    """Return whether the current diagnosis is of this revision of OBS, or a newer one, and of this model."""
+    current = robot.current
+    return (
+        current is not None and current.revision >= revision and current.model_version == robot.model.version
+    )
+
+
+class Renewing:
+    """Batches that say nothing new, as observers send every second: they renew what is held, and that is all.
+
+        a batch ──⊕──► OBS changes? ── yes ──► a revision: history, event, diagnosis (robots.py)
+                            │ no
+                            ▼
+                       evidence and lifetimes in memory; lifetimes on the disk, in place
+
+    So a robot to which nothing happens adds nothing to the database, however often it says so. Kept in full
+    are: the first report of a key and source since the start, so that the history and the audit log have who
+    reports; what comes while a repair or a drill is open, as each report is evidence then, which is looked
+    for in the history after a crash and from other instances; what comes while a write is under way, as it
+    may fail.
+
+    Belongs to one event loop.
+    """
+
+    def __init__(self, store: Store, diagnosing: Diagnosing, reports: Reports) -> None:
+        self._store = store
+        self._diagnosing = diagnosing
+        self._reports = reports
+
+    async def keep(
+        self,
+        robot: Robot,
+        update: Update,
+        renewed: Sequence[Entry],
+        by: Reporter,
+        once: IdempotencyKey | None,
+    ) -> Json | None:
+        """Keep an update that OBS in memory has taken in, and that changed nothing; return what to answer.
+
+        None: it is to be kept in full.
+
+        Raises:
+            StateConflict: another instance was faster (code "stale-revision").
+        """
+        more = update.retracted or update.asserted or update.withdrawn
+        if more or robot.writing or not self._reports.known(robot.id, by, update):
+            return None
+        revision, ran = robot.revision, False
+
+        def renew(tx: Transaction) -> Json:
+            nonlocal ran
+            ran = True
+            tx.repeatable = update.dated
+            kept = observations.renew(tx, robot.id, renewed, expected=revision)
+            if not kept:
+                tx.repeatable = True  # the write in full has the key
+            return {"revision": revision, "changed": []} if kept else {}
+
+        try:
+            said = await self._store.write(renew, robots=(robot.id,), once=once)
+        except BaseException:  # a cancellation too: nobody knows then whether it is on disk
+            robot.not_kept()
+            raise
+        if not ran:  # a request with the same key was: what memory has is not what the store has
+            robot.half_applied()
+        elif said:
+            self._diagnosing.confirm(robot)
+            robot.observed.wake()
+        return said or None
+
+
+class Following:
+    """What other instances did, as their events say: what is held of a robot here is old then, and read
+    again.
+
+    A state that is newer already, because this instance wrote the change, stays as it is.
+
+    Belongs to one event loop.
+    """
+
+    def __init__(
+        self,
+        robots: Mapping[str, Robot],
+        diagnosing: Diagnosing,
+        deleted: Callable[[str], None],
+    ) -> None:
+        """`deleted` is called with the id of a robot that is gone."""
+        self._robots = robots
+        self._diagnosing = diagnosing
+        self._deleted = deleted
+
+    def follow(self, events: Sequence[Event]) -> None:
+        """Take note of events in the order of the log; most are our own."""
+        robot, state = None, None
+        for event in events:
+            if event.kind is Kind.MODEL:
+                self._model(event)
+            if event.robot is None:
+                continue
+            if event.robot != robot:  # a batch and its diagnosis come together
+                robot, state = event.robot, self._robots.get(event.robot)
+            if state is not None:
+                self._robot(state, event)
+
+    def _model(self, event: Event) -> None:
+        for state in self._robots.values():
+            if (
+                state.stored.config.get("model") == event.data.get("name")
+                and event.data.get("version") not in (None, state.model.version)
+                and not state.stale
+            ):
+                state.changed_elsewhere()
+                self._diagnosing.wake(state)
+
+    def _robot(self, state: Robot, event: Event) -> None:
+        kind, data = event.kind, event.data
+        if kind is Kind.OBSERVATIONS:
+            if data["revision"] > state.head:
+                state.changed_elsewhere()
+                if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
+                    self._diagnosing.wake(state)
+        elif kind is Kind.DIAGNOSIS:
+            state.diagnosed_elsewhere(data["revision"], event.time_ns, data)
+        elif kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
+            state.changed_elsewhere()
+            self._diagnosing.wake(state)
+        elif kind is Kind.ROBOT and data.get("what") == "deleted":
+            self._deleted(state.id)
+
 
 log = structlog.get_logger("robomend.robots.robots")
 

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from robomend.repairs.executors.once import Once
+from robomend.repairs.executors.registry import Once
 from robomend_client.actions import Action, ActionResult, Feedback
 
 pytestmark = pytest.mark.anyio
