@@ -23,7 +23,7 @@ settings.register_profile("robomend", settings.get_profile("long"), max_examples
 settings.register_profile("quick", settings.get_profile("robomend"), max_examples=10)
 settings.load_profile("robomend")
 
-NOWHERE = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  (for as long as the tests run)
+NOWHERE = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as the tests run
 
 gc.disable()  # until all tests are collected, as `robomend serve` does while it loads
 
