@@ -1,8 +1,7 @@
-"""The pages name every route, error code, metric and setting."""
+"""The pages name every route, error code and setting."""
 
 from __future__ import annotations
 
-import asyncio
 import inspect
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 
 from robomend import errors
 from robomend.api.problems import HTTP_CODES
-from robomend.metrics import Metrics
 from robomend.security import API, RULES
 from robomend.settings import Settings
 
@@ -36,15 +34,6 @@ def test_every_error_code_is_on_the_page(page: str) -> None:
     common = {HTTP_CODES[status] for status in (400, 401, 404, 405, 408, 413, 415, 422, 429, 500, 503)}
     missing = {code for code in codes | common if f"`{code}`" not in page}
     assert missing == set()
-
-
-def test_every_metric_is_on_the_page(page: str) -> None:
-    shown = {
-        line.split()[2]
-        for line in asyncio.run(Metrics().text()).decode().splitlines()
-        if line.startswith("# TYPE")
-    }
-    assert {name for name in shown if not name.endswith("_created") and f"`{name}`" not in page} == set()
 
 
 def test_every_setting_is_on_its_page() -> None:
