@@ -2,7 +2,7 @@
 
     README.md and its neighbours     are pages of the site, with their links turned to it
     ../examples/agent.yaml           is handed out with the site; of source code only the name stands there
-    reference/…                      is made from the code (docs/reference.py); reference.py#http is a link to it
+    reference/…                      is made from the code (docs/reference.py); reference.py#http links to it
     ```mermaid of a state machine    becomes a table: the site draws nothing with scripts from elsewhere
 
 A link to what is not there ends the build: of pages MkDocs looks after that (--strict), of files this does.
