@@ -1,4 +1,4 @@
-"""The states of a robot in memory, and how each comes from the one before. docs/design.md draws the tables.
+"""The states of a robot in memory, and how each comes from the one before.
 
 Two things go on side by side: what is held may grow stale and is read again, and a diagnosis may be under
 way. Only robomend.robots.robot.Robot changes either.
