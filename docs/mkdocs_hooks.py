@@ -97,6 +97,19 @@ def machine(text: str) -> str:
     return "\n".join(rows) + "\n"
 
 
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Have the search work in a page that is opened as a file: docs/site.js says how."""
+    base = "../" * page.url.count("/")
+    return output.replace("<script ", f'<script src="{base}site.js"></script>\n<script ', 1)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Write the index of the search as a script, too."""
+    index = Path(config.site_dir) / "search" / "search_index.json"
+    text = f"var __index = {index.read_text(encoding='utf-8')};\n"
+    index.with_suffix(".js").write_text(text, encoding="utf-8")
+
+
 def on_page_context(context: dict[str, Any], page: Page, config: MkDocsConfig, nav: Any) -> dict[str, Any]:
     """Leave out the link to edit a page: nobody knows where this copy of the repository is."""
     page.edit_url = None
