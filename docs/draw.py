@@ -15,7 +15,6 @@ from robomend.batches import states as batches
 from robomend.cli.schema import FILES, schema_name, schema_text
 from robomend.drills import states as drills
 from robomend.repairs import states
-from robomend.robots import robot as held
 from robomend.transitions import diagram
 
 PAGES = Path(__file__).parent
@@ -23,15 +22,12 @@ EXAMPLES = PAGES.parent / "examples"
 
 DIAGRAMS = {
     "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
-    "step": diagram(states.STEP, states.StepState.WAITING),
     "drill": diagram(
         drills.DRILL,
         drills.INITIAL,
         together=("what may be planted", drills.MAYBE_PLANTED),
     ),
     "batch": diagram(batches.BATCH, batches.INITIAL),
-    "held": diagram(held.HELD, held.Held.UNREAD),
-    "search": diagram(held.SEARCH, held.Search.IDLE),
 }
 
 BLOCK = re.compile(r"(<!-- drawn: (?P<name>\S+) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -2,7 +2,7 @@
 
     README.md and its neighbours     are pages of the site, with their links turned to it
     ../examples/agent.yaml           is handed out with the site; of source code only the name stands there
-    reference/…                      is made from the code (docs/reference.py)
+    reference/…                      is made from the code (docs/reference.py); reference.py#http links to it
     ```mermaid of a state machine    becomes a table: the site draws nothing with scripts from elsewhere
 
 A link to what is not there ends the build: of pages MkDocs looks after that (--strict), of files this does.
@@ -77,8 +77,10 @@ def turned(link: re.Match[str], source: str, uri: str) -> str:
         on_site = path
     if on_site is None:
         return link["open"].removeprefix("!")[1:-1]  # source code: its name is enough
-    here = Path(uri).parent.as_posix()
-    return f"{link['open']}({relpath(on_site, here)}{link['at'] or ''})"
+    here, at = Path(uri).parent.as_posix(), link["at"] or ""
+    if path == "docs/reference.py":
+        on_site, at = f"reference/{at.removeprefix('#')}.md", ""
+    return f"{link['open']}({relpath(on_site, here)}{at})"
 
 
 def machine(text: str) -> str:
@@ -93,6 +95,19 @@ def machine(text: str) -> str:
         before, after = name(arrow["before"], "(begin)"), name(arrow["after"], "(end)")
         rows.append(f"| {before} | {after} | {arrow['on'] or ''} |")
     return "\n".join(rows) + "\n"
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Have the search work in a page that is opened as a file: docs/site.js says how."""
+    base = "../" * page.url.count("/")
+    return output.replace("<script ", f'<script src="{base}site.js"></script>\n<script ', 1)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Write the index of the search as a script, too."""
+    index = Path(config.site_dir) / "search" / "search_index.json"
+    text = f"var __index = {index.read_text(encoding='utf-8')};\n"
+    index.with_suffix(".js").write_text(text, encoding="utf-8")
 
 
 def on_page_context(context: dict[str, Any], page: Page, config: MkDocsConfig, nav: Any) -> dict[str, Any]:

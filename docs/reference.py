@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Iterator
+from http import HTTPStatus
 from typing import Any
 
 import click
@@ -216,7 +217,7 @@ def http_page() -> str:
 
 def errors_page() -> str:
     from robomend import errors
-    from robomend.api.problems import STATUS
+    from robomend.api.problems import HTTP_CODES, STATUS
 
     def rows() -> Iterator[Row]:
         for one in vars(errors).values():
@@ -225,6 +226,8 @@ def errors_page() -> str:
                 leaves = 3 if issubclass(one, errors.BackendError) else 2
                 says = (one.__doc__ or "").strip().split("\n\n")[0]
                 yield _code(one.code), status, leaves, says
+        for status, code in HTTP_CODES.items():
+            yield _code(code), status, "", HTTPStatus(status).phrase
 
     return (
         "# Error codes\n\nThe `code` is stable; its status over HTTP, and the exit code of a command.\n\n"

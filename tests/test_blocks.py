@@ -56,7 +56,7 @@ FORKED = ".forked"
 """Where commands are that begin at once."""
 BATCH = "b-7k2m9x4qhj"
 OPEN_BATCH = "b-3fwt8k6rnz"
-ASKS = re.compile(r"\bcurl\b|\brobomend (?:robot|observe|status|watch|probes|repairs|batches)\b")
+ASKS = re.compile(r"\bcurl\b|Client\(\"|\brobomend (?:robot|observe|status|watch|probes|repairs|batches)\b")
 AGENT = """
 robot: my_robot
 service: {url: "http://127.0.0.1:8600"}

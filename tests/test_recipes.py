@@ -156,35 +156,6 @@ def test_a_route_is_in_the_places_of_its_recipe() -> None:
     assert sorted(declared) == sorted(security.RULES)
 
 
-ROLES = re.findall(
-    r"^\| ((?:GET|PUT|POST|DELETE)[^`]*)(`/[^|]+`) \|.+\| ([^|]+) \|$",
-    (ROOT / "docs" / "http.md").read_text(),
-    re.MULTILINE,
-)
-
-
-@pytest.mark.parametrize("rule", security.RULES, ids=" ".join)
-def test_the_page_says_who_may_call_a_route(rule: tuple[str, str]) -> None:
-    method, path = rule
-    (told,) = (
-        roles
-        for methods, paths, roles in ROLES
-        if method in methods and f"`{path.removeprefix(security.API) or path}`" in paths
-    )
-    roles = security.RULES[rule]
-    if roles is None:
-        assert told.startswith("no key")
-        return
-    for part in told.split("; "):  # "GET: all", "else operator, admin"
-        if part.startswith((f"{method}: ", "else ")):
-            told = re.sub(rf"^({method}:|else) ", "", part)
-            break
-    words, _, own = told.partition("; robot: its ")
-    everyone = {"viewer", "operator", "admin"} | (set() if "{robot}" in path else {"robot"})
-    said = everyone if words == "all" else set(words.split(", "))
-    assert said | ({"robot"} if own else set()) == {str(role) for role in roles}
-
-
 KIND_MODEL = """
 robomend: 1
 name: cart

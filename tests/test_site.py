@@ -16,7 +16,9 @@ import pytest
 from tests.once import made_once
 
 from robomend import errors
+from robomend.api.problems import HTTP_CODES
 from robomend.cli.commands import COMMANDS
+from robomend.security import API, RULES
 from robomend.settings import Settings
 from robomend_client.events import Kind
 from robomend_client.observers.kinds import KINDS
@@ -90,11 +92,14 @@ def test_every_page_of_the_repository_is_on_the_site(site: Path) -> None:
     [
         ("commands", [f"robomend {name}" for name in COMMANDS]),
         ("settings", [f"ROBOMEND_{name.upper()}" for name in Settings.model_fields]),
-        ("errors", [one.code for one in vars(errors).values() if hasattr(one, "code")]),
+        (
+            "errors",
+            [one.code for one in vars(errors).values() if hasattr(one, "code")] + list(HTTP_CODES.values()),
+        ),
         ("events", [kind.value for kind in Kind]),
         ("observers", list(KINDS.names())),
         ("files", ["protected_channels", "twist.twist.angular.z", "stop_grace_s", "attempts_per_hour"]),
-        ("http", ["/api/v1/robots/{robot}/observations", "/api/v1/stop"]),
+        ("http", [path for _, path in RULES if path.startswith(API)]),
     ],
 )
 def test_the_reference_has_what_the_code_has(site: Path, page: str, names: list[str]) -> None:
@@ -118,6 +123,7 @@ def test_a_link_to_a_file_that_is_not_there_ends_the_build() -> None:
         ("[`x`](../service/robomend/cycle.py)", "docs/design.md", "design.md", "`x`"),
         ("[e](../examples/agent.yaml)", "docs/agent.md", "agent.md", "[e](examples/agent.yaml)"),
         ("[s](../SECURITY.md)", "docs/security.md", "security.md", "[s](reporting.md)"),
+        ("[r](reference.py#http)", "docs/sovd.md", "sovd.md", "[r](reference/http.md)"),
         ("[w](https://example.org/x)", "README.md", "index.md", "[w](https://example.org/x)"),
     ],
 )

@@ -2,7 +2,7 @@
 
 Every limit of the service is here, with its unit in its name. `robomend config` prints each value with
 where it came from. A setting that nobody knows is refused, so that a misspelt one is not silently without
-effect. To add a setting: a field here, with its bounds and what it means, and its row in docs/settings.md.
+effect. To add a setting: a field here, with its bounds and what it means: docs/reference.py lists it.
 """
 
 from __future__ import annotations

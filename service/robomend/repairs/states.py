@@ -1,7 +1,7 @@
 """The states of a repair, of its steps and of an agent's action, and how each comes from the one before.
 
 The tables are all there is: (state, what happens) → state; what is not in them is refused. The store keeps
-the states as text, events and HTTP show them. docs/repair.md draws the first two tables.
+the states as text, events and HTTP show them. docs/repair.md draws the first table.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class Turnstile:
         return self.value
 
 
-# --- the states of a robot in memory, and how each comes from the one before; docs/design.md draws them.
+# --- the states of a robot in memory, and how each comes from the one before.
 #
 # Two things go on side by side: what is held may grow stale and is read again, and a diagnosis may be under
 # way. Only Robot changes either.

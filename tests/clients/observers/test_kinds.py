@@ -257,30 +257,20 @@ def row_of(section: str, key: str) -> str:
     return next(line for line in section.splitlines() if re.match(rf"\|[^|]*`{key}`", line))
 
 
-def section_of(kind: str) -> str:
-    return MANUAL.split(f"### {kind} ")[1].split("\n### ")[0]
-
-
-@pytest.mark.parametrize("kind", sorted(KEYS))
-def test_the_manual_has_every_key_of_a_kind_with_its_default(kind: str) -> None:
-    section = section_of(kind)
-    for parameters in KEYS[kind]:
-        for field in fields(parameters):
-            row = row_of(section, field.name)
-            if isinstance(field.default, int | float) and not isinstance(field.default, bool):
-                assert re.search(rf"(?<![\d.]){field.default:g}(?![\d.])", row), row
-            elif isinstance(field.default, str) and field.default and field.name != "table":
-                assert f"`{field.default}`" in row, row
-
-
 @pytest.mark.parametrize("kind", sorted(KEYS))
 def test_the_manual_has_the_published_numbers(kind: str) -> None:
-    section = section_of(kind)
-    for parameters in KEYS[kind]:
-        for name, value in getattr(parameters, "PRESETS", {}).get("published", {}).items():
-            row = row_of(section, name)
-            shown = f"{value:g}".replace("e-07", "e-7") if isinstance(value, float | int) else str(value)
-            assert value is None or shown in row, (row, shown)
+    published = {
+        name: value
+        for parameters in KEYS[kind]
+        for name, value in getattr(parameters, "PRESETS", {}).get("published", {}).items()
+        if value is not None
+    }
+    if not published:
+        return
+    (row,) = (line for line in MANUAL.splitlines() if line.startswith(f"| `{kind}` | `"))
+    for name, value in published.items():
+        shown = f"{value:g}".replace("e-07", "e-7") if isinstance(value, float | int) else str(value)
+        assert f"`{name}` {shown}" in row
 
 
 def test_the_manual_has_the_keys_of_readings() -> None:
