@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import subprocess
 import sys
+import uuid
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import psycopg
 import pytest
 from sqlalchemy import Connection, MetaData, inspect, select
+from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, owner
 
 from robomend.errors import StoreError
@@ -174,3 +176,22 @@ def test_a_database_of_a_development_version_is_refused_in_one_sentence_and_left
     with database.reading() as reading:
         assert reading.execute(schema.version.select()).scalar() == version
     database.dispose()
+
+
+def test_a_server_without_a_locale_gives_text_and_not_bytes(
+    postgres_server: PostgresServer, postgres_url: str
+) -> None:
+    name = f"ascii_{uuid.uuid4().hex}"
+    with psycopg.connect(postgres_url, autocommit=True) as admin:
+        admin.execute(
+            f"CREATE DATABASE {name} ENCODING 'SQL_ASCII' LC_COLLATE 'C' LC_CTYPE 'C' TEMPLATE template0"
+        )
+    database = Database(postgres_server.url(name))
+    database.prepare()
+    with closing(database.open_writer()) as connection, connection.begin():
+        connection.execute(schema.counters.insert(), {"name": "Žižka", "value": 1})
+        found = connection.execute(select(schema.counters.c.name)).scalars().all()
+    database.dispose()
+    with psycopg.connect(postgres_url, autocommit=True) as admin:
+        admin.execute(f"DROP DATABASE {name} WITH (FORCE)")
+    assert "Žižka" in found

@@ -297,10 +297,6 @@ def _remove_unused(since: int, tx: Transaction, keys: Keys) -> None:
     """Remove results, but not what was used again since it was looked for."""
     table = schema.results
     tx.change(table.delete().where(table.c.number.in_(keys), table.c.used_day < since))
-    counter = schema.counters
-    once_more = counter.update().where(counter.c.name == results.REMOVALS).values(value=counter.c.value + 1)
-    if not tx.change(once_more):
-        tx.change(counter.insert().values(name=results.REMOVALS, value=1))
 
 
 def _old_repairs(view: View, before: int) -> Keys:

@@ -27,7 +27,6 @@ from sqlalchemy import (
 from robomend.errors import Fenced, NotFound
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, digest, optional_json
-from robomend.store.prepared import Prepared
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.rows import LockedRobot, Logged, Rows, Values, upsert
 from robomend.store.view import AnyRow, View
@@ -36,16 +35,13 @@ from robomend_client.events import Kind
 if TYPE_CHECKING:
     from robomend.store.group import Group
 
-_WORKED_ON = Prepared(
-    lambda _: select(
-        or_(
-            *(
-                exists().where(table.c.robot == bindparam("of_robot"), text(f"{table.name}.open"))
-                for table in (schema.repairs, schema.drills)
-            )
+_WORKED_ON = select(
+    or_(
+        *(
+            exists().where(table.c.robot == bindparam("of_robot"), text(f"{table.name}.open"))
+            for table in (schema.repairs, schema.drills)
         )
-    ),
-    ("of_robot",),
+    )
 )
 
 
@@ -112,14 +108,12 @@ class Transaction(View):
     def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
         """Run a statement now and return how many rows it touched."""
         self._put_waiting()
-        self._group.otherwise()
         result = self.connection.execute(statement, dict(values) if values is not None else None)
         return int(result.rowcount)
 
     def insert(self, table: Table, values: Values) -> int:
         """Insert into a numbered table and return the number."""
         self._put_waiting()
-        self._group.otherwise()
         result = self.connection.execute(table.insert(), values)
         key = result.inserted_primary_key
         assert key is not None
@@ -158,7 +152,7 @@ class Transaction(View):
 
     def worked_on(self, robot: str) -> bool:
         """Return whether a repair or a drill of the robot is open."""
-        return bool(_WORKED_ON.value(self._group.driver, (robot,)))
+        return bool(self.connection.execute(_WORKED_ON, {"of_robot": robot}).scalar_one())
 
     def bring_up(self, robot: str) -> None:
         """Have the robot's rows of OBS brought up to the log, at the group's end."""
