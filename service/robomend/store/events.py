@@ -1,5 +1,5 @@
 """The log, as it is read: events in the order of their ids. `Transaction.emit`, observations.py and
-diagnoses.py write it, and tail.py follows it as it grows.
+diagnoses.py write it, and store.py follows it as it grows.
 
 A row that is a batch and its diagnosis is two events; it has the id of the second. How long a row is kept
 goes by its kind (pruning.py); the log begins where all kinds are there, behind the cut.

@@ -24,10 +24,10 @@ DAY_NS = 86_400_000_000_000
 _SOME = 500
 
 _RESULTS = schema.results
-_LOOK = select(_RESULTS.c.digest, _RESULTS.c.number, _RESULTS.c.used_day).where(
+_NEWEST_DAY = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
+_LOOK = select(_RESULTS.c.digest, _RESULTS.c.number, _RESULTS.c.used_day, _NEWEST_DAY.label("newest")).where(
     _RESULTS.c.digest.in_(bindparam("digests", expanding=True))
 )
-_NEWEST_DAY = select(func.coalesce(func.max(_RESULTS.c.used_day), 0))
 _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
     _RESULTS.c.number.in_(bindparam("numbers", expanding=True))
 )
@@ -39,6 +39,7 @@ def _keep(kind: str) -> Executable:
         sqlite.insert(_RESULTS) if kind == "sqlite" else postgresql.insert(_RESULTS)
     )
     later = func.max if kind == "sqlite" else func.greatest
+    insert = insert.values(used_day=later(_NEWEST_DAY, bindparam("today")))
     used = {"used_day": later(_RESULTS.c.used_day, insert.excluded.used_day)}
     return insert.on_conflict_do_update(index_elements=["digest"], set_=used).returning(_RESULTS.c.number)
 
@@ -48,19 +49,17 @@ _KEEP = {kind: _keep(kind) for kind in ("sqlite", "postgresql")}
 
 def number(connection: Connection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
     """Return the number of each text, by its digest; what is not there yet is kept."""
+    today = now_ns // DAY_NS
     numbers: dict[str, int] = {}
     digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
-    if not digests:
-        return numbers
-    today = max(now_ns // DAY_NS, connection.execute(_NEWEST_DAY).scalar_one())
     for start in range(0, len(digests), _SOME):
         some = digests[start : start + _SOME]
         for row in connection.execute(_LOOK, {"digests": some}):
-            if row.used_day >= today:
+            if row.used_day >= max(today, row.newest):
                 numbers[row.digest] = row.number
         for digest in some:
             if digest not in numbers:
-                kept = {"digest": digest, "data": texts[digest], "used_day": today}
+                kept = {"digest": digest, "data": texts[digest], "today": today}
                 numbers[digest] = connection.execute(_KEEP[connection.dialect.name], kept).scalar_one()
     return numbers
 

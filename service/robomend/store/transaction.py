@@ -24,10 +24,10 @@ from sqlalchemy import (
     text,
 )
 
-from robomend.errors import Fenced, NotFound
+from robomend.errors import Fenced, NotFound, PreconditionFailed, PreconditionRequired
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, digest, optional_json
-from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
+from robomend.store.records import ABSENT, ANY, AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.rows import LockedRobot, Logged, Rows, Values, upsert
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
@@ -193,3 +193,24 @@ class Transaction(View):
         if self._saved:
             self.connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
             self.connection.exec_driver_sql("RELEASE SAVEPOINT change")
+
+
+def check_seen(what: str, expected: str | None, current: str | None) -> None:
+    """Compare the ETag that the writer of a model or robot has seen, `expected`, with the current one.
+
+    None is "it must not exist yet" in both. ABSENT says the same, as `If-None-Match: *` does; ANY says
+    "whichever".
+
+    Raises:
+        PreconditionRequired: `expected` is None, and it exists.
+        PreconditionFailed: it is at another version, exists in spite of ABSENT, or does not exist.
+    """
+    if current is None:
+        if expected not in (None, ABSENT):
+            raise PreconditionFailed(f"{what} does not exist; leave If-Match out to create it")
+    elif expected is None:
+        raise PreconditionRequired(f"{what} exists; send its ETag as If-Match to replace it")
+    elif expected == ABSENT:
+        raise PreconditionFailed(f"{what} exists already")
+    elif expected not in (ANY, current):
+        raise PreconditionFailed(f"{what} is at version {current}, not {expected}; read it again")
