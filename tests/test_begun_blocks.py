@@ -74,10 +74,9 @@ SHORT: dict[str, tuple[str, ...]] = {
     ),
     "robomend-bench faults --classes boot": ("--stretches", "1"),
     "robomend-bench faults": ("--trials", "1", "--stretches", "0"),
-    "robomend-bench service --only beside-bare": ("--robots", "5", "--seconds", "12"),  # a turn takes ticks
     "robomend-bench service": (
         *("--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "2", "--observations", "200"),
-        *("--moments", "2", "--attackers", "2", "--pages", "2"),
+        *("--moments", "2", "--attackers", "2"),
     ),
 }
 """Options that make less of a program's work: added at the end of a line, they count."""

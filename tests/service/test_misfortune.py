@@ -27,10 +27,9 @@ from tests.postgres import postgres_url as postgres_url
 from tests.store.test_damage import overwrite, written
 from tests.waiting import until
 
-from robomend_bench.service.fleet import prepare
 from robomend_bench.service.hostile import Crowd, crowding
+from robomend_bench.service.load import SimulatedRobot, body, prepare
 from robomend_bench.service.process import served
-from robomend_bench.service.robots import SimulatedRobot, body
 from robomend_bench.service.wire import connect, request
 
 

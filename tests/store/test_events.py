@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Any
 
 import pytest
 from tests.store.examples import entry, with_robots
@@ -12,7 +11,7 @@ from tests.waiting import eventually
 
 from robomend.store import Store, Transaction, View, diagnoses, events, observations
 from robomend.store.records import EventRange
-from robomend.store.tail import Tail
+from robomend.store.store import Tail
 from robomend_client.events import Event, Kind
 
 pytestmark = pytest.mark.anyio
@@ -177,20 +176,6 @@ async def test_who_listens_for_kinds_is_called_where_one_of_them_is(store: Store
     await emit(store, "c")
     await asyncio.sleep(0)
     assert heard == {"robots": [1, 2], "repairs": [], "all": [1, 2]}
-
-
-async def test_a_commit_is_not_under_way_any_more_when_it_is_told(store: Store) -> None:
-    """Else the sign of another one right after it would be left to a commit that was told before."""
-    told, seen = store._writer._finished, list[bool]()
-
-    def finished(*given: Any) -> None:
-        seen.append(store._writer.committing)
-        told(*given)
-
-    store._writer._finished = finished
-    await emit(store, "a")
-    assert seen  # the instance may have written something of its own as well
-    assert not any(seen)
 
 
 async def test_a_page_may_end_between_the_two_events_of_a_change(store: Store) -> None:

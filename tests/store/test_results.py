@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any
 
 import pytest
 from sqlalchemy import func, select
-from tests.store.examples import entry, observe, with_robots
-from tests.store.older import lay
+from tests.store.examples import with_robots
 
 from robomend.store import Store, Transaction, View, diagnoses, events, schema
 from robomend.store.encoding import Common, Encoded
@@ -144,28 +142,3 @@ async def test_a_clock_that_goes_back_takes_no_result_from_a_row_that_stays(
     await prune(store, WEEK)
     told = [event for event in await store.read(events.after, 0) if event.kind is Kind.DIAGNOSIS]
     assert [dict(event.data) for event in told] == [said(1, "b"), said(1, "a")]
-
-
-async def test_what_an_older_version_kept_reads_as_it_was(url: str) -> None:
-    lay(url, "0005")
-    store = Store(url)
-    await store.start()
-    try:
-        before = await store.read(diagnoses.latest, "r1")
-        assert before is not None
-        old: dict[str, Any] = dict(before.result)
-        assert old["result"]["diagnoses"][0]["text"] == "é: ∪"
-        [told] = [
-            event.data
-            for event in await store.read(events.after, 0)
-            if event.kind is Kind.DIAGNOSIS and event.data.get("revision") == 2
-        ]
-        assert told == old
-        assert await observe(store, "r1", entry("scan")) == 3
-        await announce(store, "r1", 3, "imu")
-        assert [item.result for item in (await store.read(diagnoses.page, "r1")).items][:2] == [
-            said(3, "imu"),
-            old,
-        ]
-    finally:
-        await store.close()

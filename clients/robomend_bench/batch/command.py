@@ -20,8 +20,7 @@ import click
 from robomend.errors import BackendError
 from robomend_bench.batch import drives, edited, learning, workload
 from robomend_bench.parts import only
-from robomend_bench.service.measure import load_of_others
-from robomend_bench.service.process import processors
+from robomend_bench.service.process import load_of_others, processors
 from robomend_client.counts import counted
 
 Row = tuple[str, str, str]

@@ -13,8 +13,7 @@ import click
 
 from robomend_bench.parts import only
 from robomend_bench.robots import live, power, ros, ros1, ros2, streams
-from robomend_bench.service.measure import load_of_others
-from robomend_bench.service.process import processors, served
+from robomend_bench.service.process import load_of_others, processors, served
 from robomend_client.observers import Rate
 
 Row = tuple[str, str, str]

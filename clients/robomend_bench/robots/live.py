@@ -21,7 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.service.measure import children, memory_mb
+from robomend_bench.service.process import children, memory_mb
 from robomend_client.bus import Bus
 from robomend_client.events import Event, Kind
 from robomend_client.observers import Rate

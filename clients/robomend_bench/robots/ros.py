@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from robomend_bench.robots.live import WITHIN_S, Rig
-from robomend_bench.service.measure import cpu_s
+from robomend_bench.service.process import cpu_s
 
 
 class NoRos(Exception):

@@ -1,27 +1,337 @@
-"""Stop, health and readiness while others send what takes long to read, to solve or to answer.
+"""An operator's health, readiness and stop beside others who send what takes long to read or to answer.
 
     viewer, robot and operator keys ── 20 clients, one hostile request after another ──► the service
     operator ── GET /healthz, GET /readyz, POST and DELETE /stop, 20 a second ─────────► how long each takes
+    no key ── heads, bodies, trailers, requests without end on one connection ─────────► how much it grows
 
-The attackers are a process of their own. What the operator sees alone is measured first.
+    python -m robomend_bench.service.attack attackers URL CLIENTS SEED < keys.json     until its input ends
+    python -m robomend_bench.service.attack operator URL LOOKS < key.json
+
+What the operator sees alone is measured first. Attackers are a process of their own, of low priority: they
+sit on other machines, and take no processor time from the service but by what they ask of it. So is an
+operator beside a load: in the generator's process it would also measure how busy that one is. Each third of
+its requests comes on a connection that is used again, the others on one of their own, as clients do both.
 """
 
 from __future__ import annotations
 
+import contextlib
 import http.client
+import itertools
 import json
+import os
+import random
+import socket
 import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
-from robomend_bench.service.attackers import ROBOT, source_body
-from robomend_bench.service.companion import beside
-from robomend_bench.service.measure import Latency
-from robomend_bench.service.prober import ANSWER_S, EVERY_S, ask, probe
-from robomend_bench.service.process import Served, model_text
+from robomend_bench.service.process import Latency, Served, memory_mb, model_text
 from robomend_bench.service.wire import address
+
+
+@contextmanager
+def beside(program: str, *arguments: str, told: object) -> Iterator[dict[str, Any]]:
+    """Run one of `PROGRAMS` beside it while the block runs: in one process they would measure each other.
+
+    It is told something as a line of JSON, and goes on until its input ends. What it says then, as JSON, the
+    dictionary has after the block.
+    """
+    line = [sys.executable, "-m", "robomend_bench.service.attack", program, *arguments]
+    with subprocess.Popen(
+        line,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        process_group=0,  # Ctrl-C is for the bench, which ends it
+    ) as running:
+        assert running.stdin is not None
+        running.stdin.write(json.dumps(told) + "\n")
+        running.stdin.flush()
+        found: dict[str, Any] = {}
+        try:
+            yield found
+            said, _ = running.communicate()
+        except BaseException:  # Ctrl-C, raised again: what is under way may take minutes
+            running.kill()
+            raise
+        found.update(json.loads(said))
+
+
+# --- the operator
+
+EVERY_S = 0.05
+ANSWER_S = 120.0
+AGAIN = 3
+
+LOOKS = (("GET /healthz", "GET", "/healthz"), ("GET /readyz", "GET", "/readyz"))
+STOPS = (
+    ("POST /stop", "POST", "/api/v1/stop"),
+    ("DELETE /stop", "DELETE", "/api/v1/stop?reason=bench"),
+)
+
+
+def probe(url: str, key: str, over: threading.Event, errors: list[str], looks: int = 1) -> dict[str, Latency]:
+    """Ask again and again until `over`; return how long each kind of request took.
+
+    Args:
+        key: none if empty.
+        errors: what went wrong is appended.
+        looks: at health and readiness, for each stop that is set and lifted.
+    """
+    times: dict[str, list[float]] = {}
+    kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    wanted = (*LOOKS * looks, *STOPS)
+    for number in itertools.count():
+        if over.is_set():
+            break
+        turn, kind = divmod(number, len(wanted))
+        name, method, path = wanted[kind]
+        again = (number + turn) % AGAIN == AGAIN - 1  # each kind in its turn
+        if again:
+            name = f"{name}, connection used again"
+        try:
+            status, took_s = ask(kept if again else None, url, key, method, path)
+        except (OSError, http.client.HTTPException) as error:
+            errors.append(f"{name}: {type(error).__name__}: {error}")
+            kept.close()
+            continue
+        times.setdefault(name, []).append(took_s)
+        if status not in ({200, 503} if path == "/readyz" else {200, 202}):
+            errors.append(f"{name}: {status}")
+        over.wait(EVERY_S)
+    kept.close()
+    return {name: Latency.of(found) for name, found in sorted(times.items())}
+
+
+def ask(
+    kept: http.client.HTTPConnection | None, url: str, key: str, method: str, path: str
+) -> tuple[int, float]:
+    """Ask on this connection, or on one of its own if it is None; return the status and how long it took."""
+    headers = {"Authorization": f"Bearer {key}"} if key else {}
+    body = None
+    if method == "POST":
+        body, headers["Content-Type"] = b'{"reason": "bench"}', "application/json"
+    connection = kept or http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    try:
+        if kept is not None and kept.sock is None:
+            # A request of another kind comes first, so that the service's event loop has the connection.
+            kept.request("GET", "/version-info")
+            kept.getresponse().read()
+        began = time.perf_counter()
+        connection.request(method, path, body, headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status, time.perf_counter() - began
+    finally:
+        if kept is None:
+            connection.close()
+
+
+# --- hostile requests
+
+ROBOT = "bench-attacked"
+NICENESS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Hostile:
+    """One request that is meant to hurt."""
+
+    name: str
+    role: str
+    method: str
+    path: str
+    body: bytes = b""
+    content_type: str = "application/json"
+    etag: bool = False  # replaces something, whatever its version
+
+
+def requests() -> list[Hostile]:
+    """Return the hostile requests of each role."""
+    api, own = "/api/v1", f"/api/v1/robots/{ROBOT}"
+    one, two = f"{api}/models/hostile", f"{api}/models/heavy"
+    nodes = "".join(f"  n{index}: {{publishes: {{t{index}: []}}}}\n" for index in range(100))
+    rule = "forall a in nodes, b in nodes: running(a) or ok(t{}) or not running(b)"
+    rules = [rule.format(index) for index in range(10)]
+    few = "".join(f"  n{index}: {{publishes: {{t{index}: []}}}}\n" for index in range(60))
+    quantified = _model(nodes, rules)
+    heavy = _model(few, rules)  # as many steps as a model may take
+    nested = " ".join(f"forall v{index} in nodes:" for index in range(5)) + " running(v0)"
+    pairs = " ".join(f"forall v{index} in nodes:" for index in range(3)) + " running(v0) or running(v1)"
+    long = " or ".join(["ok(scan)", "not running(rviz)"] * 130)
+    wires = "".join(f"INPUT(i{index})\n" for index in range(30_000))
+    gates = "".join(f"g{index} = XOR(i{index}, i{index + 1}, i{index + 2})\n" for index in range(29_000))
+    circuit = f"{wires}OUTPUT(g1)\n{gates}"
+    five = 'ab: "AB"\nnab: "NAB"\nneg_prefix: "not_"\nprops: []\nrules:\n'
+    five += "".join(f'  - "NAB(c{index}),ok(a{index})->ok(b{index})"\n' for index in range(40_000))
+    deep = b"[" + b"[],{}," * 150_000 + b"0]"
+    escapes = b'{"reason": "' + b"\\u0041" * 160_000 + b'"}'
+    many = [f"ok(scan{index})" for index in range(9_000)]
+    domain = _domain()
+    config = {"model": "tedusar", "policy": "observe"}
+
+    def ask(source: str, *observations: str, **more: object) -> bytes:
+        return json.dumps({"source": source, "observations": observations, **more}).encode()
+
+    return [
+        Hostile("model beyond its budget", "viewer", "POST", f"{api}/diagnoses", ask(quantified)),
+        Hostile("model within its budget", "viewer", "POST", f"{api}/diagnoses", ask(heavy, "not ok(t1)")),
+        Hostile("circuit of 29,000 gates", "viewer", "POST", f"{api}/diagnoses", ask(circuit, "v(g1)")),
+        Hostile("40,000 rules of five keys", "viewer", "POST", f"{api}/diagnoses", ask(five)),
+        Hostile("what if, nested", "viewer", "POST", f"{api}/diagnoses", ask(model_text(), nested, pairs)),
+        Hostile("plan of a large model", "viewer", "POST", f"{api}/plans", ask(_fleet(), bad=["n1"])),
+        Hostile("JSON of many values", "viewer", "POST", f"{api}/plans", deep),
+        Hostile("history", "viewer", "GET", f"{own}/history?kind=diagnosis&limit=1000"),
+        Hostile("OpenAPI", "viewer", "GET", "/openapi.json"),
+        Hostile("nested assertion", "robot", "POST", f"{own}/observations", _asserted(nested)),
+        Hostile("assertion within", "robot", "POST", f"{own}/observations", _asserted(pairs)),
+        Hostile("long assertion", "robot", "POST", f"{own}/observations", _asserted(long)),
+        Hostile(
+            "9,000 unknown names", "robot", "POST", f"{own}/observations", _observed(many, together=False)
+        ),
+        Hostile("long sentences", "robot", "POST", f"{own}/observations", _observed(_conjunctions())),
+        Hostile("stream", "robot", "POST", f"{own}/observations", _stream(), "application/x-ndjson"),
+        Hostile("probes", "robot", "GET", f"{own}/probes"),
+        Hostile(
+            "put a model beyond",
+            "operator",
+            "PUT",
+            one,
+            source_body(quantified),
+            etag=True,
+        ),
+        Hostile("put a model within", "operator", "PUT", two, source_body(heavy), etag=True),
+        Hostile(
+            "put a domain",
+            "operator",
+            "PUT",
+            own,
+            json.dumps({**config, "domain": domain}).encode(),
+            etag=True,
+        ),
+        Hostile(
+            "put 9,000 observed",
+            "operator",
+            "PUT",
+            own,
+            json.dumps({**config, "observed": ["ok(scan)"] * 9_000}).encode(),
+            etag=True,
+        ),
+        Hostile("plan", "operator", "POST", f"{own}/plans", b'{"bad": ["hokuyo"]}'),
+        Hostile("long reason", "operator", "POST", f"{api}/robots/{ROBOT}/repairs", escapes),
+    ]
+
+
+def _model(nodes: str, rules: list[str]) -> str:
+    return f"robomend: 1\nname: hostile\nnodes:\n{nodes}rules:\n" + "".join(
+        f'  - "{rule}"\n' for rule in rules
+    )
+
+
+def _fleet() -> str:
+    nodes = "".join(
+        f"  n{index}: {{drives: [h{index}], publishes: {{t{index}: []}}}}\n" for index in range(2_000)
+    )
+    return (
+        "robomend: 1\nname: large\nhardware:\n"
+        + "".join(f"  h{i}: {{}}\n" for i in range(2_000))
+        + f"nodes:\n{nodes}"
+    )
+
+
+def _domain() -> str:
+    """Return actions whose parameters are a product of everything, as long as a domain may be."""
+    action = (
+        "(:action a{} :parameters (?a ?b ?c ?d ?e ?f ?g - component) :precondition (and (bad ?a) (bad ?b))"
+        " :effect (and (good ?a) (not (bad ?a))))\n"
+    )
+    return "(define (domain robot-repair)\n" + "".join(action.format(i) for i in range(1_200)) + ")"
+
+
+def _asserted(sentence: str) -> bytes:
+    return json.dumps({"assertions": {"hint": sentence}}).encode()
+
+
+def _observed(sentences: list[str], **more: object) -> bytes:
+    return json.dumps({"observations": sentences, **more}).encode()
+
+
+def _conjunctions() -> list[str]:
+    return [" and ".join(["ok(scan)"] * 330) + " " * index for index in range(240)]
+
+
+def _stream() -> bytes:
+    line = json.dumps({"observations": ["ok(scan)", "not ok(map)"]}).encode() + b"\n"
+    return line * 20_000
+
+
+def source_body(text: str) -> bytes:
+    """Return the body that puts a model."""
+    return json.dumps({"source": text}).encode()
+
+
+# --- the crowd
+
+
+class Crowd:
+    """Clients that send one hostile request after another."""
+
+    def __init__(self, url: str, keys: dict[str, str], clients: int, seed: int) -> None:
+        self._address = address(url)
+        self._keys = keys
+        self._ending = threading.Event()
+        self._lock = threading.Lock()
+        self.answers: dict[str, Counter[int]] = {}
+        wanted = requests()
+        random.Random(seed).shuffle(wanted)
+        turns = [itertools.cycle(wanted[index:] + wanted[:index]) for index in range(clients)]
+        self._threads = [threading.Thread(target=self._send, args=(turn,), daemon=True) for turn in turns]
+
+    def start(self) -> None:
+        """Begin."""
+        for thread in self._threads:
+            thread.start()
+
+    def end(self) -> None:
+        """Send nothing more, and wait for what is under way, but not for long."""
+        self._ending.set()
+        for thread in self._threads:
+            thread.join(2.0)
+
+    def _send(self, turn: Iterator[Hostile]) -> None:
+        for hostile in turn:
+            if self._ending.is_set():
+                return
+            status = self._ask(hostile)
+            with self._lock:
+                self.answers.setdefault(hostile.name, Counter())[status] += 1
+
+    def _ask(self, hostile: Hostile) -> int:
+        headers = {"Authorization": f"Bearer {self._keys[hostile.role]}"}
+        if hostile.body:
+            headers["Content-Type"] = hostile.content_type
+        if hostile.etag:
+            headers["If-Match"] = "*"
+        connection = http.client.HTTPConnection(*self._address, timeout=ANSWER_S)
+        try:
+            connection.request(hostile.method, hostile.path, hostile.body or None, headers)
+            answer = connection.getresponse()
+            answer.read()
+            return answer.status
+        except OSError:
+            return 0
+        finally:
+            connection.close()
+
+
+# --- both together
 
 ROLES = ("viewer", "robot", "operator", "admin")
 
@@ -40,8 +350,6 @@ class AttackResult:
     alone: dict[str, Latency]
     attacked: dict[str, Latency]
     answers: dict[str, dict[str, int]]  # request -> status -> how often
-    slowest_s: dict[str, float]
-    held: dict[str, float]  # of the service's own metrics
     errors: list[str] = field(default_factory=list)
 
     @property
@@ -82,9 +390,7 @@ def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> A
     broken = sum(statuses.get("500", 0) for statuses in answers.values())
     if broken:
         errors.append(f"{broken} answers of 500")
-    slowest = {name: round(took, 2) for name, took in sorted(found["slowest_s"].items())}
-    held = _held(process.url, keys["operator"])
-    return AttackResult(seconds, clients, alone, attacked, answers, slowest, held, errors)
+    return AttackResult(seconds, clients, alone, attacked, answers, errors)
 
 
 def _operator(url: str, key: str, seconds: float, errors: list[str]) -> dict[str, Latency]:
@@ -113,21 +419,109 @@ def _prepare(url: str, key: str) -> None:
         connection.close()
 
 
-def _held(url: str, key: str) -> dict[str, float]:
-    """Return what the service says of its event loop."""
-    connection = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
-    connection.request("GET", "/metrics", headers={"Authorization": f"Bearer {key}"})
-    text = connection.getresponse().read().decode()
-    connection.close()
-    values = dict(line.rsplit(" ", 1) for line in text.splitlines() if line and not line.startswith("#"))
-    count = float(values["robomend_loop_delay_seconds_count"])
-    within = {
-        bound: float(values[f'robomend_loop_delay_seconds_bucket{{le="{bound}"}}'])
-        for bound in ("0.005", "0.05")
-    }
-    return {
-        "ticks": count,
-        "over_5_ms": count - within["0.005"],
-        "over_50_ms": count - within["0.05"],
-        "loop_worst_s": float(values["robomend_loop_delay_worst_seconds"]),
-    }
+# --- strangers
+
+HOST = b"Host: localhost\r\n"
+POST = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
+CHUNKED = POST + b"Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+
+FIRST_S = 0.5
+"""For what is paid once, for code and buffers: every kind has been there before it is measured."""
+
+FLOODS: dict[str, tuple[bytes, bytes]] = {
+    "trailers": (CHUNKED + b"0\r\n", b"X-Filler: " + b"a" * 50_000 + b"\r\n"),
+    "a head that does not end": (b"GET / HTTP/1.1\r\n" + HOST, b"X-Filler: " + b"a" * 50_000 + b"\r\n"),
+    "a header that does not end": (b"GET / HTTP/1.1\r\n" + HOST + b"X: ", b"a" * 50_000),
+    "chunk extensions": (CHUNKED + b"5;", b"a=" + b"b" * 50_000 + b";"),
+    "a body after its answer": (CHUNKED, b"c350\r\n" + b"a" * 50_000 + b"\r\n"),
+    "requests in a row": (b"", (b"GET /version-info HTTP/1.1\r\n" + HOST + b"\r\n") * 1_000),
+    "a sign-in": (
+        b"POST /api/v1/session HTTP/1.1\r\n" + HOST + b"Content-Type: application/json\r\n"
+        b"Content-Length: 100000000\r\n\r\n",
+        b" " * 50_000,
+    ),
+}
+"""Name -> how it begins, and what is repeated."""
+
+
+@dataclass(frozen=True, slots=True)
+class FloodResult:
+    """What one kind came to."""
+
+    sent_mb: float
+    grown_mb: float  # the most that the service's memory grew while it went on
+    longest_s: float  # that one connection lived
+
+
+def run_floods(process: Served, seconds: float) -> dict[str, FloodResult]:
+    """Send each flood for a while."""
+    for begin, more in FLOODS.values():
+        _flood(process, begin, more, FIRST_S)
+    return {name: _flood(process, begin, more, seconds) for name, (begin, more) in FLOODS.items()}
+
+
+def drip(url: str, pause_s: float, most_s: float) -> float:
+    """Send a body a byte at a time; return how long the connection lived, at most `most_s`."""
+    begun = time.monotonic()
+    with _connected(url) as connection:
+        connection.sendall(POST + b"Content-Length: 1000000\r\n\r\n")
+        with contextlib.suppress(OSError):
+            while time.monotonic() - begun < most_s:
+                connection.sendall(b" ")
+                time.sleep(pause_s)
+    return time.monotonic() - begun
+
+
+def _connected(url: str) -> socket.socket:
+    return socket.create_connection(address(url), timeout=2.0)
+
+
+def _flood(process: Served, begin: bytes, more: bytes, seconds: float) -> FloodResult:
+    before = most = memory_mb(process.pid)
+    sent, longest_s = 0, 0.0
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        begun = time.monotonic()
+        with contextlib.suppress(OSError), _connected(process.url) as connection:
+            connection.sendall(begin)
+            while time.monotonic() < until:
+                connection.sendall(more)
+                sent += len(more)
+                most = max(most, memory_mb(process.pid))
+        longest_s = max(longest_s, time.monotonic() - begun)
+        most = max(most, memory_mb(process.pid))
+    return FloodResult(round(sent / 1e6, 1), round(most - before, 2), round(longest_s, 1))
+
+
+# --- programs of their own
+
+
+def _attackers(url: str, clients: str, seed: str) -> None:
+    """Attack until the standard input ends, and print what came of it as JSON."""
+    os.nice(NICENESS)
+    crowd = Crowd(url, json.loads(sys.stdin.readline()), int(clients), int(seed))
+    crowd.start()
+    sys.stdin.read()
+    crowd.end()
+    print(json.dumps({"answers": crowd.answers}))
+    sys.stdout.flush()
+    os._exit(0)  # whatever is still under way
+
+
+def _operator_beside(url: str, looks: str) -> None:
+    """Probe until the standard input ends, and print how long it took as JSON."""
+    key, over, errors = json.loads(sys.stdin.readline()), threading.Event(), list[str]()
+
+    def wait() -> None:
+        sys.stdin.read()
+        over.set()
+
+    threading.Thread(target=wait, daemon=True).start()
+    times = probe(url, key, over, errors, int(looks))
+    print(json.dumps({"times": {name: asdict(latency) for name, latency in times.items()}, "errors": errors}))
+
+
+PROGRAMS: dict[str, Callable[..., None]] = {"attackers": _attackers, "operator": _operator_beside}
+
+if __name__ == "__main__":
+    PROGRAMS[sys.argv[1]](*sys.argv[2:])

@@ -19,9 +19,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from robomend_bench.service.fleet import FleetResult, prepare, run_fleet
+from robomend_bench.service.load import FleetResult, SimulatedRobot, prepare, run_fleet
 from robomend_bench.service.process import Served
-from robomend_bench.service.robots import SimulatedRobot
 from robomend_bench.service.wire import EventStream, address, follow, request
 
 

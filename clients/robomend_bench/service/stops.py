@@ -23,8 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.service.measure import Latency
-from robomend_bench.service.process import served
+from robomend_bench.service.process import Latency, served
 from robomend_bench.service.repairing import RepairedRobot, robots, write_program
 from robomend_bench.service.wire import Connection, connect, follow, request
 

@@ -44,7 +44,6 @@ class Connection(asyncio.Protocol):
         self._parser = httptools.HttpResponseParser(self)
         self._transport: asyncio.Transport | None = None
         self._body: list[bytes] = []
-        self.headers: dict[bytes, bytes] = {}  # of the last answer
         self._waiting: deque[tuple[bytes, Answered]] = deque()
         self.broken = False
 
@@ -66,14 +65,6 @@ class Connection(asyncio.Protocol):
             answered(0, b"")
 
     # --- httptools
-
-    def on_message_begin(self) -> None:
-        """Another answer begins."""
-        self.headers = {}
-
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """Keep a header."""
-        self.headers[name.lower()] = value
 
     def on_body(self, body: bytes) -> None:
         """Take a piece of the answer's body."""

@@ -13,11 +13,8 @@
     drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, audit.py, notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it
     results.py       what diagnoses say, once for all rows that say the same
-    preconditions.py what the writer of a model or robot has seen of it
     database.py      connections, and what differs between SQLite and PostgreSQL
-    writer.py        one thread that commits in groups;  known.py  what it need not look up again
-    driver.py        the driver's own connection;  prepared.py  what each group runs, without ceremony
-    tail.py          the event log as it grows, in this and other processes
+    writer.py        one thread that commits in groups
     session.py       the instance's lock and its ear;  ownership.py  one owner per robot, with fencing numbers
     portable.py      export, import and backup;  pruning.py  retention;  growth.py  how fast it grows
 """

@@ -26,7 +26,7 @@ NOTHING = 0  # the driver's READY_NONE: it has looked, and the socket is not rea
 
 
 class BoundedConnection(psycopg.Connection[Any]):
-    """See the module. Who waits without `wait` (pipeline.py) keeps to the same bound."""
+    """See the module."""
 
     answer_s: float = ANSWER_S
 
@@ -59,12 +59,8 @@ class BoundedConnection(psycopg.Connection[Any]):
                     heard_s = now_s
                 elif now_s - heard_s > self.answer_s:
                     self.close()  # nobody knows what is under way on it
-                    raise self.silent()
+                    raise psycopg.OperationalError(f"the server has said nothing for {self.answer_s:g} s")
                 wanted = gen.send(ready)
         except StopIteration as end:
             found: T = end.value
             return found
-
-    def silent(self) -> psycopg.OperationalError:
-        """Return the error of a wait in which nothing came."""
-        return psycopg.OperationalError(f"the server has said nothing for {self.answer_s:g} s")

@@ -32,7 +32,6 @@ from robomend.errors import (
     StoreFull,
 )
 from robomend.store import schema
-from robomend.store.driver import DriverConnection
 
 BUSY_TIMEOUT_S = 10.0
 """How long a SQLite writer waits for a writer in another process."""
@@ -127,32 +126,13 @@ class Database:
         """Return a connection whose transactions may write; on SQLite they lock out other writers at once."""
         with translated():
             connection = self._engine.connect().execution_options(robomend_writes=True)
-            itself: Any = connection.connection.driver_connection
             if self.path is not None:
-                itself.execute(f"PRAGMA cache_size=-{WRITER_CACHE_KIB}")
-            else:
-                # pipeline.py prepares. The driver forgets what it had prepared at its next rollback, and
-                # has the server forget everything then: now, while there is nothing of ours.
-                itself.prepare_threshold = None
-                connection.exec_driver_sql("SELECT 1")
+                connection.exec_driver_sql(f"PRAGMA cache_size=-{WRITER_CACHE_KIB}")
                 connection.rollback()
+            else:
                 connection.exec_driver_sql(f"SET idle_in_transaction_session_timeout = {HANGS_MS}")
                 connection.commit()
             return connection
-
-    def open_driver(self) -> DriverConnection:
-        """Return a connection as `open_writer` does, of which the transactions are the driver's own: each
-        begins with `begin` and ends with its `commit` or `rollback`.
-        """
-        connection = self.open_writer().execution_options(robomend_begins=False)
-        with translated():
-            connection.begin()  # as far as SQLAlchemy knows: its statements are part of what we begin
-        return DriverConnection(connection)
-
-    def begin(self, driver: DriverConnection) -> None:
-        """Begin a transaction that writes."""
-        if self.path is not None:
-            _begin_writing(driver.connection, driver.itself)
 
     def prepare(self) -> None:
         """Create or migrate the schema; quick when it is current.
@@ -290,20 +270,20 @@ def _sqlite_engine(url: URL) -> Engine:
     def _begin(connection: Connection) -> None:
         options = connection.get_execution_options()
         if options.get("robomend_writes"):
-            if options.get("robomend_begins", True):
-                _begin_writing(connection, connection.connection.driver_connection)
+            _begin_writing(connection)
         else:
             connection.exec_driver_sql("BEGIN")
 
     return engine
 
 
-def _begin_writing(connection: Connection, raw: Any) -> None:
+def _begin_writing(connection: Connection) -> None:
     """BEGIN IMMEDIATE, once it is our turn among the processes that write.
 
     SQLite's own wait sleeps up to 0.1 s at a time, and whoever writes often gets in between: a process that
     writes now and then waited for up to a second, and a stop with it. Looking each millisecond: 7 ms.
     """
+    raw: Any = connection.connection.driver_connection
     if not connection.info.get(LOOKS):
         raw.execute("PRAGMA busy_timeout=0")
         connection.info[LOOKS] = True

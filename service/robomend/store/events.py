@@ -1,5 +1,5 @@
 """The log, as it is read: events in the order of their ids. `Transaction.emit`, observations.py and
-diagnoses.py write it, and tail.py follows it as it grows.
+diagnoses.py write it, and store.py follows it as it grows.
 
 A row that is a batch and its diagnosis is two events; it has the id of the second. How long a row is kept
 goes by its kind (pruning.py); the log begins where all kinds are there, behind the cut.
@@ -48,10 +48,10 @@ def kept(view: View) -> EventRange:
     return EventRange(oldest=counter(view, CUT) + 1, newest=max(counter(view, "event"), in_log or 0))
 
 
-def counter(view: View, name: str, never: int = 0) -> int:
-    """Return what a counter is at; `never` if it never counted."""
+def counter(view: View, name: str) -> int:
+    """Return what a counter is at."""
     row = view.first(select(_COUNTERS.c.value).where(_COUNTERS.c.name == name))
-    return never if row is None else int(row.value)
+    return 0 if row is None else int(row.value)
 
 
 def _events(rows: Iterable[AnyRow], text: Callable[[str, int | None], str]) -> Iterator[Event]:

@@ -20,12 +20,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from zlib import crc32
 
-from sqlalchemy import ColumnElement, bindparam, select, text
+from sqlalchemy import ColumnElement, Connection, bindparam, select, text
 
 from robomend.entry import Entry
 from robomend.store import schema
 from robomend.store.batch_text import held_of
-from robomend.store.driver import DriverConnection
 from robomend.store.encoding import (
     INT64,
     atom_from_text,
@@ -36,7 +35,6 @@ from robomend.store.encoding import (
     from_json,
     more_of,
 )
-from robomend.store.prepared import Prepared
 from robomend.store.records import StoredObs
 from robomend.store.rows import BATCHES, OBS, Row, upsert
 from robomend.store.view import AnyRow, View
@@ -81,26 +79,15 @@ _BATCHES = text(
 )
 """Those that are in the log only, of a robot that is at :revision."""
 
-_LOOK_AT_BATCHES = Prepared(lambda _: _BATCHES, ("of_robot", "revision"))
-_LOOK_AT_NEWER = Prepared(
-    lambda _: text(
-        "SELECT atom, revision FROM obs WHERE robot = :of_robot"
-        " AND revision > (SELECT folded FROM robot_state WHERE robot = :of_robot)"
-    ),
-    ("of_robot",),
+_NEWER = text(
+    "SELECT atom, revision FROM obs WHERE robot = :of_robot"
+    " AND revision > (SELECT folded FROM robot_state WHERE robot = :of_robot)"
 )
-KEEP = Prepared(lambda kind: upsert(kind, _OBS), OBS)
-_FORGET = Prepared(
-    lambda _: _OBS.delete().where(_OBS.c.robot == bindparam("of_robot"), _OBS.c.atom == bindparam("of_atom")),
-    ("of_robot", "of_atom"),
-)
-_FOLDED = Prepared(
-    lambda _: (
-        _STATES.update()
-        .where(_STATES.c.robot == bindparam("of_robot"))
-        .values(revision=bindparam("to_revision"), folded=bindparam("to_revision"))
-    ),
-    ("of_robot", "to_revision"),
+_FORGET = _OBS.delete().where(_OBS.c.robot == bindparam("of_robot"), _OBS.c.atom == bindparam("of_atom"))
+_FOLDED = (
+    _STATES.update()
+    .where(_STATES.c.robot == bindparam("of_robot"))
+    .values(revision=bindparam("to"), folded=bindparam("to"))
 )
 
 
@@ -142,16 +129,18 @@ def obs(view: View, robot: str) -> StoredObs:
     return StoredObs(revision, tuple(_entry(held[atom]) for atom in sorted(held)))
 
 
-def bring_up(driver: DriverConnection, robot: str, revision: int) -> None:
+def bring_up(connection: Connection, robot: str, revision: int) -> None:
     """Bring a robot's rows up to the log, which has all batches up to this revision, in a transaction."""
-    batches, newer = (_LOOK_AT_BATCHES.rows(driver, (robot, revision)), _LOOK_AT_NEWER.rows(driver, (robot,)))
-    rows = fold(robot, dict(newer()), batches())
-    kept = [row for row in rows.values() if row is not None]
+    newer = {row.atom: row.revision for row in connection.execute(_NEWER, {"of_robot": robot})}
+    batches = connection.execute(_BATCHES, {"of_robot": robot, "revision": revision})
+    rows = fold(robot, newer, [(row.revision, row.batch) for row in batches])
+    kept = [dict(zip(OBS, row, strict=True)) for row in rows.values() if row is not None]
     if kept:
-        KEEP.run(driver, kept)
-    if len(kept) < len(rows):
-        _FORGET.run(driver, [(robot, atom) for atom, row in rows.items() if row is None])
-    _FOLDED.run(driver, [(robot, revision)])
+        connection.execute(upsert(connection.dialect.name, _OBS), kept)
+    gone = [{"of_robot": robot, "of_atom": atom} for atom, row in rows.items() if row is None]
+    if gone:
+        connection.execute(_FORGET, gone)
+    connection.execute(_FOLDED, {"of_robot": robot, "to": revision})
 
 
 def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) -> dict[str, Row | None]:

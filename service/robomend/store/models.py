@@ -7,10 +7,10 @@ import hashlib
 from sqlalchemy import select
 
 from robomend.errors import NotFound, StateConflict
-from robomend.store import preconditions, schema
+from robomend.store import schema
 from robomend.store.encoding import checked
 from robomend.store.records import ANY, FIRST_PAGE, Page, Paging, StoredModel
-from robomend.store.transaction import Transaction
+from robomend.store.transaction import Transaction, check_seen
 from robomend.store.view import AnyRow, View
 
 _VERSIONS, _MODELS = schema.model_versions, schema.models
@@ -42,10 +42,10 @@ def put(
 ) -> StoredModel:
     """Add a version and make it the current one; the text that it already has adds none.
 
-    `expected`: see preconditions.py.
+    `expected`: see `check_seen` (transaction.py).
     """
     current = _locked(tx, name)
-    preconditions.check(f"model {name!r}", expected, current.version if current else None)
+    check_seen(f"model {name!r}", expected, current.version if current else None)
     digest = hashlib.sha256(f"{checked(format)}\n{checked(source)}".encode()).hexdigest()[:20]
     if current is not None and current.version == digest:
         return current
@@ -62,7 +62,7 @@ def delete(tx: Transaction, name: str, *, expected: str | None = ANY) -> None:
     current = _locked(tx, name)
     if current is None:
         raise NotFound(f"there is no model {name!r}")
-    preconditions.check(f"model {name!r}", expected, current.version)
+    check_seen(f"model {name!r}", expected, current.version)
     follower = tx.first(select(schema.robots.c.id).where(schema.robots.c.model == name))
     if follower is not None:
         raise StateConflict(f"robot {follower.id!r} follows the model {name!r}; give it another one first")

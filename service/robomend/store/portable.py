@@ -1,6 +1,6 @@
 """Everything in one file: export and import as NDJSON, and backups of SQLite while it is in use.
 
-    {"robomend_export": 1, "schema": "0003"}
+    {"robomend_export": 1, "schema": "1"}
     {"table": "models", "row": {"name": "tedusar", "current": 1}}
     …
     {"end": true, "rows": 4711}

@@ -52,9 +52,6 @@ STRETCH = 20_000
 AT_ONCE = 8
 """Robots of which OBS is brought up to the log in one transaction."""
 
-_FIRST = -(2**62)
-"""An id before all others: what an older version kept of before its log has ids below 1."""
-
 Keys = Sequence[Any]
 Find = Callable[[View, int], Keys]
 """Given a time, return keys of some records that are older, at most LOOK."""
@@ -199,7 +196,7 @@ class _Stretch:
 
 def _old_of_log(view: View, cut: str, kinds: Sequence[str], before: int) -> _Stretch | None:
     """Return the next stretch of the log, as far as it is older, and its rows of these kinds that may go."""
-    behind = _LOG.c.id > events.counter(view, cut, _FIRST)
+    behind = _LOG.c.id > events.counter(view, cut)
     start = view.first(select(_LOG.c.id).where(behind).order_by(_LOG.c.id))
     if start is None:
         return None
@@ -266,7 +263,7 @@ def _remove_of_log(cut: str, tx: Transaction, ids: Keys) -> None:
 
 def _count_to(cut: str, last: int, tx: Transaction) -> None:
     """Note how far the log was looked through."""
-    if events.counter(tx, cut, _FIRST) < last:
+    if events.counter(tx, cut) < last:
         tx.replace(schema.counters, {"name": cut, "value": last})
 
 
@@ -300,10 +297,6 @@ def _remove_unused(since: int, tx: Transaction, keys: Keys) -> None:
     """Remove results, but not what was used again since it was looked for."""
     table = schema.results
     tx.change(table.delete().where(table.c.number.in_(keys), table.c.used_day < since))
-    counter = schema.counters
-    once_more = counter.update().where(counter.c.name == results.REMOVALS).values(value=counter.c.value + 1)
-    if not tx.change(once_more):
-        tx.change(counter.insert().values(name=results.REMOVALS, value=1))
 
 
 def _old_repairs(view: View, before: int) -> Keys:

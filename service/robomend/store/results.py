@@ -12,23 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from sqlalchemy import Executable, bindparam, select, text
+from sqlalchemy import Connection, Executable, bindparam, func, select
+from sqlalchemy.dialects import postgresql, sqlite
 
 from robomend.errors import StoreError
 from robomend.store import schema
-from robomend.store.driver import DriverConnection
 from robomend.store.encoding import filled
-from robomend.store.prepared import Prepared
 from robomend.store.view import AnyRow, View
 
 DAY_NS = 86_400_000_000_000
-REMOVALS = "results-removed"
-"""The counter of removals: while it stands, the numbers that somebody knows are right (known.py)."""
 _SOME = 500
 
 _RESULTS = schema.results
-_LOOK = "SELECT digest, number, used_day, (SELECT max(used_day) FROM results) FROM results WHERE digest"
-_FIND = {"sqlite": f"{_LOOK} IN ({{keys}})", "postgresql": f"{_LOOK} = ANY($1)"}
+_NEWEST_DAY = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
+_LOOK = select(_RESULTS.c.digest, _RESULTS.c.number, _RESULTS.c.used_day, _NEWEST_DAY.label("newest")).where(
+    _RESULTS.c.digest.in_(bindparam("digests", expanding=True))
+)
 _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
     _RESULTS.c.number.in_(bindparam("numbers", expanding=True))
 )
@@ -36,35 +35,32 @@ _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
 
 def _keep(kind: str) -> Executable:
     """Return the statement that keeps a result, or says that it is used today; it returns the number."""
-    later = "max" if kind == "sqlite" else "greatest"
-    return text(
-        "INSERT INTO results (digest, data, used_day)"
-        f" VALUES (:digest, :data, {later}((SELECT coalesce(max(used_day), 0) FROM results), :today))"
-        f" ON CONFLICT (digest) DO UPDATE SET used_day = {later}(results.used_day, excluded.used_day)"
-        " RETURNING number"
+    insert: sqlite.Insert | postgresql.Insert = (
+        sqlite.insert(_RESULTS) if kind == "sqlite" else postgresql.insert(_RESULTS)
     )
+    later = func.max if kind == "sqlite" else func.greatest
+    insert = insert.values(used_day=later(_NEWEST_DAY, bindparam("today")))
+    used = {"used_day": later(_RESULTS.c.used_day, insert.excluded.used_day)}
+    return insert.on_conflict_do_update(index_elements=["digest"], set_=used).returning(_RESULTS.c.number)
 
 
-_KEEP = Prepared(_keep, ("digest", "data", "today"))
+_KEEP = {kind: _keep(kind) for kind in ("sqlite", "postgresql")}
 
 
-def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
+def number(connection: Connection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
     """Return the number of each text, by its digest; what is not there yet is kept."""
     today = now_ns // DAY_NS
     numbers: dict[str, int] = {}
     digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
     for start in range(0, len(digests), _SOME):
         some = digests[start : start + _SOME]
-        look = driver.select_in(_FIND, [*map(bytes.fromhex, some)])
-        for digest, found, used_day, newest in look.fetchall():
-            if used_day >= max(today, newest):
-                numbers[digest.hex()] = found
-        missing = [digest for digest in some if digest not in numbers]
-        kept = [
-            _KEEP.later(driver, (bytes.fromhex(digest), schema.packed(texts[digest]), today))
-            for digest in missing
-        ]
-        numbers.update((digest, found()) for digest, found in zip(missing, kept, strict=True))
+        for row in connection.execute(_LOOK, {"digests": some}):
+            if row.used_day >= max(today, row.newest):
+                numbers[row.digest] = row.number
+        for digest in some:
+            if digest not in numbers:
+                kept = {"digest": digest, "data": texts[digest], "today": today}
+                numbers[digest] = connection.execute(_KEEP[connection.dialect.name], kept).scalar_one()
     return numbers
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from sqlalchemy import bindparam, select
 
 from robomend.errors import InputError, NotFound, StateConflict
-from robomend.store import folding, preconditions, schema
+from robomend.store import folding, schema
 from robomend.store.encoding import checked, etag, from_json, to_json
 from robomend.store.records import ANY, FIRST_PAGE, Json, Newest, Page, Paging, StoredRobot
 from robomend.store.rows import LockedRobot
-from robomend.store.transaction import Transaction
+from robomend.store.transaction import Transaction, check_seen
 from robomend.store.view import AnyRow, View
 
 _ROBOTS, _STATES = schema.robots, schema.robot_state
@@ -68,11 +68,11 @@ def newest(view: View, robot: str) -> Newest:
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> StoredRobot:
     """Create or replace a robot. NotFound if its model does not exist.
 
-    `expected`: see preconditions.py.
+    `expected`: see `check_seen` (transaction.py).
     """
     state = tx.state(checked(robot))
     row = tx.first(select(_ROBOTS).where(_ROBOTS.c.id == robot).with_for_update())
-    preconditions.check(f"robot {robot!r}", expected, row.etag if row else None)
+    check_seen(f"robot {robot!r}", expected, row.etag if row else None)
     model = config.get("model")
     if model is not None and not isinstance(model, str):
         raise InputError(f"a robot's model is a name, not {model!r}")
@@ -105,7 +105,7 @@ def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
     were if it is created again.
     """
     state = tx.existing(robot)
-    preconditions.check(f"robot {robot!r}", expected, get(tx, robot).etag)
+    check_seen(f"robot {robot!r}", expected, get(tx, robot).etag)
     repairs = schema.repairs
     still_open = tx.first(select(repairs.c.id).where(repairs.c.robot == robot, repairs.c.open))
     if still_open is not None:

@@ -1,6 +1,6 @@
 """Rows that wait in memory until their group's end, and how a row is put in.
 
-A row is a tuple in the order of its columns, as it goes to the driver; the columns stand here.
+A row is a tuple in the order of its columns, which stand here.
 """
 
 from __future__ import annotations

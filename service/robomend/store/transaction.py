@@ -24,11 +24,10 @@ from sqlalchemy import (
     text,
 )
 
-from robomend.errors import Fenced, NotFound
+from robomend.errors import Fenced, NotFound, PreconditionFailed, PreconditionRequired
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, digest, optional_json
-from robomend.store.prepared import Prepared
-from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
+from robomend.store.records import ABSENT, ANY, AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.rows import LockedRobot, Logged, Rows, Values, upsert
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
@@ -36,16 +35,13 @@ from robomend_client.events import Kind
 if TYPE_CHECKING:
     from robomend.store.group import Group
 
-_WORKED_ON = Prepared(
-    lambda _: select(
-        or_(
-            *(
-                exists().where(table.c.robot == bindparam("of_robot"), text(f"{table.name}.open"))
-                for table in (schema.repairs, schema.drills)
-            )
+_WORKED_ON = select(
+    or_(
+        *(
+            exists().where(table.c.robot == bindparam("of_robot"), text(f"{table.name}.open"))
+            for table in (schema.repairs, schema.drills)
         )
-    ),
-    ("of_robot",),
+    )
 )
 
 
@@ -112,14 +108,12 @@ class Transaction(View):
     def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
         """Run a statement now and return how many rows it touched."""
         self._put_waiting()
-        self._group.otherwise()
         result = self.connection.execute(statement, dict(values) if values is not None else None)
         return int(result.rowcount)
 
     def insert(self, table: Table, values: Values) -> int:
         """Insert into a numbered table and return the number."""
         self._put_waiting()
-        self._group.otherwise()
         result = self.connection.execute(table.insert(), values)
         key = result.inserted_primary_key
         assert key is not None
@@ -158,7 +152,7 @@ class Transaction(View):
 
     def worked_on(self, robot: str) -> bool:
         """Return whether a repair or a drill of the robot is open."""
-        return bool(_WORKED_ON.value(self._group.driver, (robot,)))
+        return bool(self.connection.execute(_WORKED_ON, {"of_robot": robot}).scalar_one())
 
     def bring_up(self, robot: str) -> None:
         """Have the robot's rows of OBS brought up to the log, at the group's end."""
@@ -199,3 +193,24 @@ class Transaction(View):
         if self._saved:
             self.connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
             self.connection.exec_driver_sql("RELEASE SAVEPOINT change")
+
+
+def check_seen(what: str, expected: str | None, current: str | None) -> None:
+    """Compare the ETag that the writer of a model or robot has seen, `expected`, with the current one.
+
+    None is "it must not exist yet" in both. ABSENT says the same, as `If-None-Match: *` does; ANY says
+    "whichever".
+
+    Raises:
+        PreconditionRequired: `expected` is None, and it exists.
+        PreconditionFailed: it is at another version, exists in spite of ABSENT, or does not exist.
+    """
+    if current is None:
+        if expected not in (None, ABSENT):
+            raise PreconditionFailed(f"{what} does not exist; leave If-Match out to create it")
+    elif expected is None:
+        raise PreconditionRequired(f"{what} exists; send its ETag as If-Match to replace it")
+    elif expected == ABSENT:
+        raise PreconditionFailed(f"{what} exists already")
+    elif expected not in (ANY, current):
+        raise PreconditionFailed(f"{what} is at version {current}, not {expected}; read it again")

@@ -113,7 +113,6 @@ def _page(rows: list[AnyRow], paging: Paging, make: Callable[[AnyRow], T], key: 
 
 
 def _number(cursor: str) -> int:
-    digits = cursor.removeprefix("-")  # what is from before an older database had a log is before its first
-    if digits.isascii() and digits.isdecimal() and len(digits) <= 18:
+    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= 18:
         return int(cursor)
     raise InputError(f"{cursor[:40]!a} is no cursor of this list; use the one that came as `next`")

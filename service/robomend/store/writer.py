@@ -28,13 +28,11 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any
 
-from sqlalchemy import exc
+from sqlalchemy import Connection, exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
-from robomend.store.driver import DriverConnection
 from robomend.store.group import Group
-from robomend.store.known import KnownRows
 from robomend.store.records import IdempotencyKey
 from robomend.store.transaction import Transaction
 from robomend_client.events import Event
@@ -74,8 +72,7 @@ class Writer:
         self._bell: SimpleQueue[None] = SimpleQueue()  # rung for each change, and at the end
         self._open = threading.Lock()  # nothing is queued behind the end
         self._closing = False
-        self._driver: DriverConnection | None = None
-        self._known = KnownRows()
+        self._connection: Connection | None = None
         self._thread = threading.Thread(target=self._run, name="store-writer", daemon=True)
         self.committing = False
         """Whether a COMMIT is under way of which nobody was told."""
@@ -167,12 +164,11 @@ class Writer:
         begun = time.monotonic()
         for job in jobs:
             job.error = None
-        driver, committing = self._connect(), False
+        connection, committing = self._connect(), False
         try:
-            self._database.begin(driver)
+            connection.begin()
             group = Group(
-                driver,
-                self._known,
+                connection,
                 {robot for job in jobs for robot in job.robots},
                 [job.once for job in jobs if job.once is not None],
                 time.time_ns(),
@@ -183,10 +179,9 @@ class Writer:
                 count += 1
                 if time.monotonic() - begun > GROUP_TIME_S:
                     break
-            with driver.together():
-                group.finish()
-                self.committing = committing = True
-                driver.commit()
+            group.finish()
+            self.committing = committing = True
+            connection.commit()
         except BaseException as error:
             self.committing = False
             self._roll_back()
@@ -199,7 +194,6 @@ class Writer:
             if repeatable(error):
                 raise _Repeat(translate(error)) from error
             raise
-        group.learned()
         events = group.events()
         self.commits += 1
         self.writes += count
@@ -219,28 +213,27 @@ class Writer:
             job.error = translate(error) if isinstance(error, exc.DBAPIError) else error
             self._database.note(job.error)
 
-    def _connect(self) -> DriverConnection:
-        if self._driver is None:
+    def _connect(self) -> Connection:
+        if self._connection is None:
             try:
-                self._driver = self._database.open_driver()
+                self._connection = self._database.open_writer()
             except StoreError as error:
                 raise _NoConnection(error) from error
-        return self._driver
+        return self._connection
 
     def _roll_back(self) -> None:
         """Leave a connection that is in no transaction, or none."""
-        self._known.forget()
-        if self._driver is None or self._driver.connection.invalidated:
+        if self._connection is None or self._connection.invalidated:
             self._drop_connection()
             return
         try:
-            self._driver.rollback()
+            self._connection.rollback()
         except exc.SQLAlchemyError:
             self._drop_connection()
 
     def _drop_connection(self) -> None:
-        if self._driver is not None:
-            connection, self._driver = self._driver.connection, None
+        if self._connection is not None:
+            connection, self._connection = self._connection, None
             try:
                 connection.close()
             except exc.SQLAlchemyError:

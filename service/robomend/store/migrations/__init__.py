@@ -1,9 +1,10 @@
 """How a database of an older version gets to the current one.
-Alembic runs env.py and the files in versions/.
+Alembic runs env.py and the files in versions/, one for each change of schema.py since the first release.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from alembic import command
@@ -14,27 +15,28 @@ from sqlalchemy import Connection
 
 from robomend.errors import StoreError
 
-
-def configuration(connection: Connection | None = None) -> Config:
-    """Return Alembic's configuration; it needs no ini file."""
-    config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
-    config.attributes["connection"] = connection
-    return config
+_BEFORE_RELEASES = re.compile(r"00\d\d")
+"""What schemas were called before the first release; since then they are 1, 2, 3, …"""
 
 
-def upgrade(connection: Connection, found: str, to: str = "head") -> None:
+def upgrade(connection: Connection, found: str) -> None:
     """Migrate in the transaction that `connection` is in: all steps, or none.
 
     Raises:
-        StoreError: the version found is none of ours: a newer robomend was here.
+        StoreError: the version found is a newer robomend's, or a development version's.
     """
-    config = configuration(connection)
-    if found:
-        try:
-            ScriptDirectory.from_config(config).get_revision(found)
-        except CommandError as error:
-            raise StoreError(
-                f"the database has schema {found!r}, which a newer robomend has written; upgrade this one"
-            ) from error
-    command.upgrade(config, to)
+    if _BEFORE_RELEASES.fullmatch(found):
+        raise StoreError(
+            f"the database has schema {found!r} of a development version from before the first release,"
+            " which this robomend cannot read; name another database, or an empty folder"
+        )
+    config = Config()  # it needs no ini file
+    config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    try:
+        ScriptDirectory.from_config(config).get_revision(found)
+    except CommandError as error:
+        raise StoreError(
+            f"the database has schema {found!r}, which a newer robomend has written; upgrade this one"
+        ) from error
+    command.upgrade(config, "head")

@@ -1,8 +1,7 @@
-"""What a writer of SQLite knows of its last groups is not looked up again, and never is old."""
+"""What a writer goes by is what is there, whoever wrote or removed it last."""
 
 from __future__ import annotations
 
-import re
 from functools import partial
 
 import pytest
@@ -17,30 +16,6 @@ pytestmark = pytest.mark.anyio
 
 UNUSED_SINCE = 10**6
 """A day that is far away: whatever was used before it is removed."""
-
-LOOKS = re.compile(r"\s*SELECT .*FROM (robot_state|results)", re.DOTALL)
-
-
-@pytest.fixture
-def looks(store: Store) -> list[str]:
-    """The looks of the store's writer at what it may know, from its next statement on; none on PostgreSQL."""
-    found: list[str] = []
-    driver = store._writer._connect()  # nobody writes just now
-    if driver.kind == "sqlite":
-        driver.itself.set_trace_callback(lambda said: found.append(said) if LOOKS.match(said) else None)
-    return found
-
-
-async def test_what_our_own_last_group_left_is_not_looked_up(store: Store, looks: list[str]) -> None:
-    await with_robots(store, "r1")
-    await observe(store, "r1", entry("scan"))
-    await announce(store, "r1", 1, "jaguar")
-    looks.clear()
-    for revision in (2, 3, 4):
-        await observe(store, "r1", entry("scan", revision % 2 == 0))
-        await announce(store, "r1", revision, "jaguar")
-    assert looks == []
-    assert (await store.read(observations.revision, "r1"), len(await kept(store))) == (4, 1)
 
 
 async def test_what_another_instance_wrote_is_seen_at_once(store: Store, second: Store) -> None:
