@@ -345,7 +345,8 @@ class Driver:
                 state.blind.add(source)
             else:
                 state.blind.discard(source)
-            self._reset(state, self.now_ns, touched, lapsed_ns=self.now_ns)
+            # Not from before the end of a lapse: what comes until then has waited.
+            self._reset(state, max(self.now_ns, state.floor_ns), touched, lapsed_ns=self.now_ns)
         return self._combined.changes(touched, self.now_ns)
 
     # --- ticks ----------------------------------------------------------------------------------------
