@@ -10,14 +10,14 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Hashable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.beats import beat
-from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge
+from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge, RosPart
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.opened import OpenedMessage
@@ -79,8 +79,8 @@ class Message(NamedTuple):
 OnMessage = Callable[[Message], None]
 
 
-class Ros2Node(Protocol):
-    """Our node on the robot's network."""
+class Ros2Node(RosPart, Protocol):
+    """Our node on a network of ROS 2."""
 
     def subscribe(self, topic: str, on_message: OnMessage) -> None:
         """Listen to a topic."""
@@ -89,17 +89,9 @@ class Ros2Node(Protocol):
         """Offer a topic."""
         ...
 
-    def read_now(self) -> None:
-        """Hand on what has come by now."""
-
     @property
     def unheard(self) -> Unheard:
         """For how long, and at what, it is not looked."""
-        ...
-
-    @property
-    def unseen(self) -> Collection[str]:
-        """Topics of which nothing would be heard now if there were something."""
         ...
 
 
@@ -197,7 +189,7 @@ class Ros2Bridge(RosBridge):
 
     def read_now(self) -> None:
         if self._node is not None:
-            self.look(self._node.unseen, self._node.read_now)
+            self.look(self._node)
 
     async def be(
         self,

@@ -90,6 +90,9 @@ class _Named:
     def unseen(self) -> set[str]:
         return self._node.unseen
 
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        return self._node.publishers(topic)
+
     def _handing(self, on_message: OnMessage) -> Callable[[Endpoint, Sample], None]:
         found = self._node.found
 

@@ -104,6 +104,10 @@ class DdsNode:
         untold = (ros_topic(topic) for topic in self.found.untold_topics)
         return {*self.unheard, *(topic for topic in untold if topic in self._wanted)}
 
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, once for each publisher."""
+        return tuple(sorted(map(self.found.node_of, self.found.writers(wire_topic(topic)))))
+
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
 

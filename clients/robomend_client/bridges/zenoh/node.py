@@ -69,6 +69,10 @@ class ZenohNode:
         self.unheard.look(self._topics)
         return set(self._topics) if self.connected_s is None else set(self.unheard)
 
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, once for each publisher."""
+        return tuple(sorted(token.node for token in self.graph.publishers(topic)))
+
     async def run(self, session: ZenohSession) -> None:
         """Be a node until cancelled."""
         self.graph.own = session.id
