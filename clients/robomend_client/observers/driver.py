@@ -170,7 +170,7 @@ class Driver:
         if route.lost_ns is not None and time_ns >= route.lost_ns:
             changes = [*changes, *self._looked(route, source, Contact.BACK)]
         for state in route.states:
-            if time_ns < state.floor_ns or state.blind:
+            if (time_ns < state.floor_ns and not state.latched) or state.blind:
                 continue  # from before the reset: what it tells is not young enough
             try:
                 state.feed(source, time_ns, value)
