@@ -13,6 +13,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from typing import Any
+
+SLICES = 4
 
 BEAT_S = 0.05
 BEAT_NS = 50_000_000
@@ -27,3 +30,16 @@ def until_beat_s(period_s: float, now_ns: int) -> float:
 async def beat(period_s: float = BEAT_S) -> None:
     """Wait for about a period, until a beat."""
     await asyncio.sleep(until_beat_s(period_s, time.time_ns()))
+
+
+async def done_within(task: asyncio.Task[Any], timeout_s: float) -> bool:
+    """Wait for a task; return whether it is done in time.
+
+    It is waited for in parts: of an agent that was itself halted meanwhile, one part runs out at once, and
+    the answer that waits in the socket is read before the next.
+    """
+    for _ in range(SLICES):
+        await asyncio.wait({task}, timeout=timeout_s / SLICES)
+        if task.done():
+            return True
+    return False

@@ -165,7 +165,10 @@ def systemctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A stand-in that says with what it was called: there is no systemd where tests run."""
     stand_in = tmp_path / "bin" / "systemctl"
     stand_in.parent.mkdir()
-    stand_in.write_text('#!/bin/sh\necho "$@"\ncase "$*" in *broken*) exit 5;; esac\n')
+    stand_in.write_text(
+        '#!/bin/sh\necho "$@"\n'
+        'case "$*" in *is-active*runs*) exit 0;; *is-active*) exit 3;; *broken*) exit 5;; esac\n'
+    )
     stand_in.chmod(0o755)
     monkeypatch.setenv("PATH", f"{stand_in.parent}:{os.environ['PATH']}")
     return stand_in
@@ -176,6 +179,11 @@ def test_units_are_started_by_the_actions_name_or_by_a_verb(systemctl: Path) -> 
     assert do(start, "camera_node").message.endswith("--no-ask-password start -- camera.service")
     restart = Units("mend", {"a": "a@1.service"}, verb="restart", user=True)
     assert do(restart, "a").message.endswith("--user --no-ask-password restart -- a@1.service")
+
+
+def test_a_unit_that_is_active_already_is_said_to_run_already(systemctl: Path) -> None:
+    result = do(Units("start_node", {"a": "runs.service"}), "a")
+    assert (result.code, result.message) == (OK, "runs already: runs.service is active")
 
 
 def test_a_unit_that_fails_is_a_failure(systemctl: Path) -> None:

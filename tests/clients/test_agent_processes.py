@@ -52,7 +52,87 @@ def test_what_is_there_already_is_not_done_again(service: ServiceDouble, tmp_pat
     with agent(config(tmp_path, service.url, {"laser": {"command": SLEEPER}})):
         assert "does not run" in service.do("r:1", "stop_node", "laser")["message"]
         service.do("r:2", "start_node", "laser")
-        assert "runs already" in service.do("r:3", "start_node", "laser")["message"]
+        again = service.do("r:3", "start_node", "laser")
+        assert again["code"] == 0
+        assert again["message"].startswith("runs already: laser is process ")
+
+
+def reading(service: ServiceDouble, literal: str) -> dict[str, Any]:
+    """Return what was measured beside the newest such literal; nothing while there is none."""
+    for batch in reversed(service.batches()):
+        if literal in batch["observations"] and "readings" in batch:
+            return dict(batch["readings"][batch["observations"].index(literal)] or {})
+    return {}
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_process_that_is_halted_does_not_run_and_can_be_stopped(
+    service: ServiceDouble, tmp_path: Path, wrapped: bool
+) -> None:
+    """Also where a shell only waits for it. Its end is in order: it hears that it is to end."""
+    ends = "import signal; signal.signal(signal.SIGTERM, lambda *_: (print('bye', flush=True), sys.exit())); "
+    command = python(f"import sys; {ends}" + WRITES_PID + "time.sleep(1000)", tmp_path / "pid")
+    if wrapped:
+        command = ["sh", "-c", f'{sys.executable} -c "$1" "$2"; true', "sh", command[2], command[3]]
+    processes = {"laser": {"command": command, "start": True, "stop_grace_s": 20}}
+    with agent(config(tmp_path, service.url, processes)):
+        eventually(lambda: runs(service, "laser"), "running(laser)")
+        eventually((tmp_path / "pid").exists, "the process's own sign")
+        os.kill(pid_file(tmp_path, "pid"), signal.SIGSTOP)
+        eventually(lambda: runs(service, "laser") is False, "not running(laser)")
+        said = {"value": "stopped by a signal (SIGSTOP)", "symptom": "halted"}
+        eventually(lambda: reading(service, "not running(laser)") == said, "why")
+        start = service.do("r:1", "start_node", "laser")
+        assert start["code"] == 0
+        assert start["message"].startswith("runs already: laser is process ")
+        assert "halted" in start["message"]
+        assert service.do("r:2", "stop_node", "laser", timeout_s=30)["message"] == "laser ended"
+        log = tmp_path / "state" / "logs" / "laser.log"
+        eventually(lambda: "bye" in log.read_text(), "its last word")
+        said = {"value": "was stopped by the agent", "symptom": "ended"}
+        eventually(lambda: reading(service, "not running(laser)") == said, "why")
+        assert service.do("r:3", "start_node", "laser")["message"].startswith("laser runs after")
+        eventually(lambda: runs(service, "laser"), "running(laser)")
+
+
+def test_a_process_that_goes_on_runs_again(service: ServiceDouble, tmp_path: Path) -> None:
+    command = python(WRITES_PID + "time.sleep(1000)", tmp_path / "pid")
+    with agent(config(tmp_path, service.url, {"laser": {"command": command, "start": True}})):
+        eventually(lambda: runs(service, "laser"), "running(laser)")
+        eventually((tmp_path / "pid").exists, "the process's own sign")
+        for number, running in ((signal.SIGSTOP, False), (signal.SIGCONT, True)):
+            os.kill(pid_file(tmp_path, "pid"), number)
+            eventually(lambda running=running: runs(service, "laser") is running, f"{number}")  # type: ignore[misc]  # bound for this round
+
+
+@pytest.mark.parametrize(
+    ("does", "why"),
+    [
+        (
+            "print('opening'); sys.exit('cannot open it')",
+            "exit code 1: opening; cannot open it",
+        ),
+        ("os.kill(os.getpid(), 9)", "ended by SIGKILL"),
+        ("print('x' * 9000); sys.exit(3)", f"exit code 3: {'x' * 487}"),
+    ],
+)
+def test_a_process_that_ended_says_how_and_what_it_printed_last(
+    service: ServiceDouble, tmp_path: Path, does: str, why: str
+) -> None:
+    command = python(f"import os, sys, time; time.sleep(0.3); {does}")
+    with agent(config(tmp_path, service.url, {"laser": {"command": command, "start": True}})):
+        eventually(lambda: reading(service, "not running(laser)").get("symptom") == "ended", "its end")
+        eventually(lambda: reading(service, "not running(laser)") == {"value": why, "symptom": "ended"}, why)
+
+
+def test_an_agent_that_is_killed_takes_along_what_is_halted(service: ServiceDouble, tmp_path: Path) -> None:
+    command = python(WRITES_PID + "time.sleep(1000)", tmp_path / "pid")
+    with agent(config(tmp_path, service.url, {"laser": {"command": command, "start": True}})) as process:
+        eventually(lambda: runs(service, "laser"), "running(laser)")
+        eventually((tmp_path / "pid").exists, "the process's own sign")
+        os.kill(pid_file(tmp_path, "pid"), signal.SIGSTOP)
+        process.kill()
+        eventually(lambda: not alive(pid_file(tmp_path, "pid")), "its end")
 
 
 def test_a_repeated_action_gets_its_first_result_even_from_the_next_agent(

@@ -18,6 +18,7 @@ from typing import Any
 from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.clients.talker import Talker, free_port, watching
+from tests.medkit_gateway import medkit_gateway
 
 from robomend_client.agent.agent import _fed
 from robomend_client.agent.feeds import Deliver
@@ -134,6 +135,37 @@ def test_a_service_that_is_halted_leaves_what_the_board_measures_unknown(tmp_pat
             halted.clear()
             measured_ns[0] = 2
             eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
+    assert said_bad(service) == set()
+
+
+def test_an_agent_that_was_halted_finds_the_board_and_the_gateway_as_they_were(tmp_path: Path) -> None:
+    """Whatever it was halted in the middle of: a question, its answer, a stream of events."""
+    channel = {"channel": 0, "component": "motor", "on": True, "current_a": 1.0, "voltage_v": 24.0}
+    board: dict[str, Any] = {"from": "board", "lifetime_s": 60}
+    observers = {
+        "board": {**board, "kind": "hardware", "wiring": {"motor": {"channel": 0}}},
+        "pack": {**board, "kind": "property", "source": "board:voltage(0)", "low": 20},
+        "lidar_driver": {"kind": "diagnostic", "from": "medkit", "status": ["lidar_driver"]},
+    }
+    well = {"on(motor)": True, "ok(pack)": True, "ok(lidar_driver)": True}
+
+    def answer(method: str, path: str) -> tuple[int, Any] | None:
+        now = {"time_ns": time.time_ns(), "channels": [channel]}
+        return (200, now) if path.endswith("/board") else None
+
+    with service_double() as service, medkit_gateway() as gateway:
+        service.answers = answer
+        medkit = {"url": gateway.url, "poll_s": 0.2}
+        file = config(tmp_path, service.url, {}, medkit=medkit, board={"rate_hz": 20}, observers=observers)
+        with agent(file) as halted:
+            eventually(lambda: well.items() <= service.signs().items(), "all well", 60)
+            for halted_s in (LONG_S, 1.7, 0.8):
+                batches = len(service.batches())
+                halted.send_signal(signal.SIGSTOP)
+                time.sleep(halted_s)  # time itself is what passes unseen
+                halted.send_signal(signal.SIGCONT)
+                eventually(lambda n=batches: len(service.batches()) > n + 3, "more of it", 60)  # type: ignore[misc]  # bound for this round
+                eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
     assert said_bad(service) == set()
 
 

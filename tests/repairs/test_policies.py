@@ -74,6 +74,20 @@ async def test_a_plan_that_waits_is_withdrawn_when_its_symptoms_go_as_who_told_o
     assert repair["reason"] == f"{UNSEEN}: the plan no longer applies"
 
 
+async def test_a_robot_of_which_only_a_part_is_known_is_not_called_healthy_again(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        robot.cut("base")
+        await the_repair(runtime, ended=False)
+        robot.silent = True
+        gone = ["on(base)", "running(base_node)", "ok(odom)"]
+        for source in {entry.source for entry in (await runtime.robots.diagnosed("r1")).sight.entries()}:
+            await runtime.robots.observe("r1", Batch([], source=source, unknown=gone))
+        repair = await the_repair(runtime)
+    assert repair["state"] == "cancelled"
+    assert repair["reason"].startswith("not confirmed: nobody reports ok(odom), on(base)")
+
+
 async def test_who_is_not_observed_any_more_is_not_called_repaired(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

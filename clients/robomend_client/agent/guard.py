@@ -52,7 +52,7 @@ def send(groups: set[int], number: int) -> set[int]:
 def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # only the agent's end ends the guard
-    groups = send(watch(), signal.SIGTERM)
+    groups = send(send(watch(), signal.SIGTERM), signal.SIGCONT)  # who is halted hears nothing else
     deadline = time.monotonic() + GRACE_S
     while groups and time.monotonic() < deadline:
         time.sleep(0.02)

@@ -4,9 +4,9 @@
        ▲                  │ no evidence in time: ended            │ its own end
        └──────────────────┴───────────────────────────────────────┘
 
-`running` is what the node observer reports: there was evidence (readiness.py), and the process is alive. Its
-end is known at once, through its pidfd. Starts and stops of one process take turns; those of different
-processes do not wait for each other.
+`running` is what the node observer reports: there was evidence (readiness.py), and the process is alive, and
+not halted: stopped by a signal, or hung in the kernel. Its end is known at once, through its pidfd. Starts
+and stops of one process take turns; those of different processes do not wait for each other.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import re
 import signal
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 from robomend_client.actions import (
     FAILED,
@@ -33,8 +33,9 @@ from robomend_client.actions import (
 from robomend_client.agent.config import ProcessSpec
 from robomend_client.agent.output import OutputFile
 from robomend_client.agent.readiness import Notification
-from robomend_client.agent.spawn import Handle, NotStarted, spawn
+from robomend_client.agent.spawn import Handle, NotStarted, halted, spawn, stuck, waits_in
 from robomend_client.python310 import StrEnum, timeout
+from robomend_client.readings import MAX_TEXT
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +43,11 @@ TAIL = 8 * 1024
 """Bytes of a process's newest output that are kept, to be quoted when it fails."""
 
 STARTED = b"--- started by robomend-agent"
+
+STUCK_S = 5.0
+"""A process that waits in the kernel for so long, and does nothing meanwhile, is halted: disks take less."""
+
+LAST_LINES = 3
 
 KILL_S = 2.0
 """How long the kernel may take after SIGKILL; a process in uninterruptible sleep takes longer."""
@@ -80,6 +86,9 @@ class SupervisedProcess:
         self._ended = asyncio.Event()
         self._ended.set()
         self._tail = b""
+        self._began = False  # ever
+        self._was_stopped = False
+        self._stuck: tuple[float, int] | None = None  # since when, and the processor time used by then
 
     @property
     def running(self) -> bool:
@@ -88,8 +97,11 @@ class SupervisedProcess:
     async def start(self, feedback: Feedback, timeout_s: float) -> ActionResult:
         """Start it and wait for the evidence; a process that runs already is left alone."""
         async with timeout(timeout_s), self._turn:
-            if self.phase is Phase.RUNNING:
-                return ActionResult(OK, f"{self.spec.name} runs already")
+            if self.phase is Phase.RUNNING and self.handle is not None:
+                # The planner has taken it for stopped: the answer begins with what is otherwise.
+                halted = self.halted()
+                why = f", and is halted ({halted}): stop it first" if halted else ""
+                return ActionResult(OK, f"runs already: {self.spec.name} is process {self.handle.pid}{why}")
             await self._ended.wait()  # an earlier stop or start that failed may still be at work
             began = time.monotonic()
             notification = Notification(self._ready) if self.spec.ready == "notify" else None
@@ -116,6 +128,7 @@ class SupervisedProcess:
                 return ActionResult(OK, f"{self.spec.name} does not run")
             self._change(Phase.STOPPING)
             handle.signal_group(signal.SIGTERM)
+            handle.signal_group(signal.SIGCONT)  # one that is halted hears nothing else
             feedback(1, f"{self.spec.name} was asked to end")
             grace_s = min(self.spec.stop_grace_s, 0.8 * timeout_s)  # some of the time is for SIGKILL
             how = "ended"
@@ -175,6 +188,31 @@ class SupervisedProcess:
             self._hold(other)
             self._change(Phase.RUNNING)
             return True
+
+    def halted(self) -> str:
+        """Return why it does not run, though its process is there; nothing: it does."""
+        if self.handle is None:
+            self._stuck = None
+            return ""
+        pid = self.handle.pid
+        why = halted(pid)
+        if why:
+            return why
+        waits, used = stuck(pid)
+        now_s = time.monotonic()
+        if not waits or self._stuck is None or self._stuck[1] != used:
+            self._stuck = (now_s, used) if waits else None
+        elif now_s - self._stuck[0] >= STUCK_S:
+            where = waits_in(pid)
+            return f"hung in the kernel{f' ({where})' if where else ''} for {now_s - self._stuck[0]:.0f} s"
+        return ""
+
+    def state(self) -> Literal[True] | dict[str, str]:
+        """Return whether it runs, or why not: as the node observer takes it."""
+        if self.running:
+            why = self.halted()
+            return {"why": why, "symptom": "halted"} if why else True
+        return {"why": self._why_ended(), "symptom": "ended"}
 
     def adopted(self, handle: Handle) -> None:
         """Take over a process that an earlier agent started and that still runs."""
@@ -263,6 +301,8 @@ class SupervisedProcess:
     def _hold(self, handle: Handle) -> None:
         self.handle = handle
         self.exit_code = None
+        self._began = True
+        self._was_stopped = False
         self._ended.clear()
         loop = asyncio.get_running_loop()
         loop.add_reader(handle.pidfd, self._end)
@@ -283,6 +323,7 @@ class SupervisedProcess:
         handle.close()
         self.handle = None
         self._ended.set()
+        self._was_stopped = self.phase is Phase.STOPPING
         if self.phase is Phase.RUNNING:
             log.warning("%s ended by itself, exit code %s%s", self.spec.name, self.exit_code, self._quoted())
         self._change(Phase.STOPPED)
@@ -316,6 +357,18 @@ class SupervisedProcess:
             return False
         return True
 
+    def _why_ended(self) -> str:
+        if self.phase is Phase.STARTING:
+            return "is being started"
+        if self._was_stopped:
+            return "was stopped by the agent"
+        code = self.exit_code
+        if code is None:
+            return "not started" if not self._began else "ended; its exit code is not known"
+        how = f"exit code {code}" if code >= 0 else f"ended by {_signal(-code)}"
+        last = [line.strip() for line in self.tail().splitlines() if line.strip()][-LAST_LINES:]
+        return f"{how}: {'; '.join(last)}"[:MAX_TEXT] if last else how
+
     def _quoted(self) -> str:
         tail = self.tail()
         return f"; its last output: {tail[-500:]}" if tail else ""
@@ -323,3 +376,10 @@ class SupervisedProcess:
     def _change(self, phase: Phase) -> None:
         self.phase = phase
         self._on_change(self)
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

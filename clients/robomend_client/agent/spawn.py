@@ -18,6 +18,8 @@ from pathlib import Path
 
 PR_SET_PDEATHSIG = 1
 
+LONGEST_CHAIN = 8
+
 _libc = ctypes.CDLL(None, use_errno=True)  # loaded here: the child between fork and exec must not import
 
 
@@ -119,12 +121,52 @@ def start_ticks(pid: int) -> int | None:
     Pid and start time together name a process for good, within one boot. Source: proc(5), fields 3 and 22 of
     /proc/PID/stat.
     """
+    fields = _stat(pid)
+    return None if not fields or fields[0] in (b"Z", b"X") else int(fields[19])
+
+
+def halted(pid: int) -> str:
+    """Return why a process that is there does not run; nothing: it does, or has ended.
+
+    Of a program that only waits for the one that it has started (a shell, a wrapper), that one counts.
+    """
+    for _ in range(LONGEST_CHAIN):
+        state = _stat(pid)[:1]
+        if state in ([b"T"], [b"t"]):
+            return "traced by a debugger" if state == [b"t"] else "stopped by a signal (SIGSTOP)"
+        try:
+            children = Path(f"/proc/{pid}/task/{pid}/children").read_bytes().split()
+        except OSError:
+            return ""
+        if len(children) != 1:
+            return ""
+        pid = int(children[0])
+    return ""
+
+
+def stuck(pid: int) -> tuple[bool, int]:
+    """Return whether a process waits in the kernel for what no signal interrupts, and the processor time that
+    it has used, in clock ticks.
+    """
+    fields = _stat(pid)
+    return fields[:1] == [b"D"], sum(map(int, fields[11:13]))
+
+
+def waits_in(pid: int) -> str:
+    """Return in which function of the kernel a process waits; nothing where the system does not say."""
+    try:
+        return Path(f"/proc/{pid}/wchan").read_text().strip("0\n ")
+    except OSError:
+        return ""
+
+
+def _stat(pid: int) -> list[bytes]:
+    """Return the fields of /proc/PID/stat behind the name; nothing, of a process that is not there."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()
     except OSError:
-        return None
-    fields = stat[stat.rindex(b")") + 2 :].split()  # the name before it may hold spaces and brackets
-    return None if fields[0] in (b"Z", b"X") else int(fields[19])
+        return []
+    return stat[stat.rindex(b")") + 2 :].split()  # the name before it may hold spaces and brackets
 
 
 def boot_id() -> str:

@@ -55,10 +55,10 @@ class Supervisor:
         self._guard: subprocess.Popen[bytes] | None = None
         self._leftovers: list[asyncio.Task[ActionResult]] = []
 
-    def table(self) -> dict[str, bool | None]:
-        """Return which processes run; None of those that are about to be started with the agent."""
+    def table(self) -> dict[str, bool | dict[str, str] | None]:
+        """Return which processes run, and of others why not; None of those that start with the agent."""
         return {
-            name: True if process.running else None if name in self._booting else False
+            name: None if name in self._booting and not process.running else process.state()
             for name, process in self.processes.items()
         }
 

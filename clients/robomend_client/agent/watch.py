@@ -31,8 +31,8 @@ log = logging.getLogger(__name__)
 LATE_NS = ns(0.15)
 """The agent was late when it has not looked at the clock for this long; three beats."""
 
-DRAIN_NS = ns(0.02)
-"""After that, what waited in sockets is let in before anything is judged."""
+DRAIN_NS, LONGEST_DRAIN_NS = ns(0.02), ns(0.3)
+"""After that, what waited in sockets is let in before anything is judged: a tenth of the time that it was."""
 
 
 class Watch:
@@ -145,7 +145,8 @@ class Watch:
                 log.warning("the clock was set ahead by %.1f s", ahead_ns / SECOND)
             else:
                 log.debug("nobody looked for %.2f s", (at - before) / SECOND)
-            self._tell(self.driver.lapse(now_ns + DRAIN_NS))
+            drain_ns = min(max((now_ns - before_ns) // 10, DRAIN_NS), LONGEST_DRAIN_NS)
+            self._tell(self.driver.lapse(now_ns + drain_ns))
         return now_ns
 
     def _tell(self, changes: Sequence[Change]) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver
 from robomend_client.beats import beat
@@ -12,7 +14,7 @@ from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.telling import Telling, ToldTopic
-from robomend_client.observers import Change, Contact
+from robomend_client.observers import Change, Contact, Publishers
 from robomend_client.yaml_reader import Section
 
 NODES, DIAGNOSTICS = "nodes", "diagnostics"
@@ -27,6 +29,26 @@ NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
 """What ROS allows; who speaks the protocol by itself may call itself anything."""
 
 MOST_NAMES = 4096
+
+
+PUBLISHERS_S = 1.0
+"""How often it is looked who publishes a topic."""
+
+
+class RosPart(Protocol):
+    """Our node on the robot's network."""
+
+    @property
+    def unseen(self) -> Collection[str]:
+        """Topics of which nothing would be heard now if there were something."""
+        ...
+
+    def read_now(self) -> None:
+        """Hand on what has come by now."""
+
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, once for each publisher."""
+        ...
 
 
 class RosBridge(ABC):
@@ -62,6 +84,8 @@ class RosBridge(ABC):
         self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
         self._unseen: frozenset[str] = frozenset()  # topics at which the bridge does not look now
         self._deliver: Deliver | None = None  # while it runs
+        self._publishers: dict[str, tuple[str, ...]] = {}  # topic -> its publishers, as they were told last
+        self._publishers_s = float("-inf")
 
     def attach(self, parts: AgentParts) -> None:
         """Be a part of this agent; without one, the bridge only feeds observers."""
@@ -76,19 +100,29 @@ class RosBridge(ABC):
     def read_now(self) -> None:
         """Deliver what has come by now; an agent asks for it each beat, and before it judges."""
 
-    def look(self, unseen: Collection[str], read: Callable[[], None]) -> None:
-        """Deliver what comes by `read`, and before and after it, what is not looked at and is again.
-
-        Args:
-            unseen: topics, by their names in ROS.
+    def look(self, node: RosPart) -> None:
+        """Deliver what the node has heard, and before and after it, what is not looked at and is again; now
+        and then, who publishes what.
         """
-        now = frozenset(unseen)
+        now = frozenset(node.unseen)
         for topic in now - self._unseen:
             self._tell_sight(topic, Contact.LOST)
-        read()
+        node.read_now()
         for topic in self._unseen - now:
             self._tell_sight(topic, Contact.BACK)
         self._unseen = now
+        if time.monotonic() - self._publishers_s >= PUBLISHERS_S:
+            self._publishers_s = time.monotonic()
+            for topic in self._topics:
+                self._tell_publishers(topic, node.publishers(topic))
+
+    def _tell_publishers(self, topic: str, nodes: tuple[str, ...]) -> None:
+        """Deliver who publishes a topic, to those who count its messages, when it has changed."""
+        if self._deliver is not None and self._publishers.get(topic) != nodes:
+            self._publishers[topic] = nodes
+            for source, field in self._topics[topic]:
+                if not field:
+                    self._deliver(source, Publishers(nodes), None)
 
     def _tell_sight(self, topic: str, sight: Contact) -> None:
         if self._deliver is not None:

@@ -108,7 +108,7 @@ class BinaryQualitativeObserver:
         window_s = max(expected.window_s, second_window_s)
         self._window_ns = ns(window_s)
         self.patience_s = PATIENCE * window_s
-        self.detection_s = self.settling_s = window_s + (expected.threshold + 3) * expected.tick_s
+        self._delay_s = window_s + (expected.threshold + 3) * expected.tick_s
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
         self.reset(0)
 
@@ -125,6 +125,14 @@ class BinaryQualitativeObserver:
             self._next_ns = (time_ns // self._tick_ns + 1) * self._tick_ns
         self._run(time_ns)
         self._sides[source].add(reading)
+
+    @property
+    def detection_s(self) -> float:
+        return self._delay_s + max(side.stretched_s for side in self._sides.values())
+
+    @property
+    def settling_s(self) -> float:
+        return self.detection_s
 
     def due_ns(self) -> int | None:
         return self._next_ns
@@ -211,6 +219,11 @@ class _Side:
         self._sum += value
         self._n += 1
         self.silent = False
+
+    @property
+    def stretched_s(self) -> float:
+        """By how much the trend's window is longer, for the value's steps."""
+        return 0.0 if self._by_sign else self._trend.stretched_s
 
     @property
     def mean(self) -> float:

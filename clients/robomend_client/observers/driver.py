@@ -170,7 +170,7 @@ class Driver:
         if route.lost_ns is not None and time_ns >= route.lost_ns:
             changes = [*changes, *self._looked(route, source, Contact.BACK)]
         for state in route.states:
-            if time_ns < state.floor_ns or state.blind:
+            if (time_ns < state.floor_ns and not state.latched) or state.blind:
                 continue  # from before the reset: what it tells is not young enough
             try:
                 state.feed(source, time_ns, value)
@@ -345,7 +345,8 @@ class Driver:
                 state.blind.add(source)
             else:
                 state.blind.discard(source)
-            self._reset(state, self.now_ns, touched, lapsed_ns=self.now_ns)
+            # Not from before the end of a lapse: what comes until then has waited.
+            self._reset(state, max(self.now_ns, state.floor_ns), touched, lapsed_ns=self.now_ns)
         return self._combined.changes(touched, self.now_ns)
 
     # --- ticks ----------------------------------------------------------------------------------------

@@ -210,7 +210,7 @@ class GeneralObserver:
 
     def _silent(self, now_ns: int) -> Reading:
         heard_ns = self._heard_ns if self._heard_ns is not None else self._start_ns or 0
-        told = f"0 of {self.expected.rate_hz:g} Hz for {(now_ns - heard_ns) / SECOND:.3g} s"
+        told = f"0 of {self.expected.rate_hz:g} Hz for {max(0, now_ns - heard_ns) / SECOND:.3g} s"
         nobody = "" if self._publishers is None or self._publishers else "nobody publishes it"
         return Reading(told, "", nobody, Symptom.SILENT)
 

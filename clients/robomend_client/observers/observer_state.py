@@ -29,6 +29,7 @@ class ObserverState:
         "fed",
         "feed",
         "floor_ns",
+        "latched",
         "left_ns",
         "number",
         "observer",
@@ -50,6 +51,7 @@ class ObserverState:
         self.blind: set[str] = set()  # its sources at which nobody looks
         self.tick_ns = NEVER
         self.floor_ns = -NEVER
+        self.latched: bool = getattr(observer, "latched", False)  # what is left out would not come again
         self.said: tuple[Literal, ...] | None = None  # the newest answer
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet

@@ -7,6 +7,10 @@ The three exclude each other, so each verdict comes with the negation of the oth
 trend that was told holds on until |r| is below b (1 − hysteresis); with `debounce_s` a new one must last
 that long. A value of an angle that wraps around has `wraps_at` (360, or 6.28318530718).
 
+A value that moves in steps (whole seconds, ticks of an encoder) stands between them. So the window is three
+of its steps at least: of whole-second stamps over one second the line would rise and stand in turn. When it
+stands for more than two steps, it stands.
+
 A line needs three samples over half the window; without, and when no sample came for a whole window,
 nothing is said. What is not a number (NaN, infinite) is left out.
 
@@ -17,12 +21,13 @@ whenever it was asked it said const.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
+from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns, number, positive
 from robomend_client.observers.slope import Slope
 from robomend_client.readings import Reading, Symptom
 
@@ -30,6 +35,9 @@ DEC, CONST, INC = -1, 0, 1
 PAST_NS = -(1 << 62)
 PATIENCE = 0.1
 """How much of a trend's window may come all at once: its slope is wrong by as much, at most."""
+
+STEPS, HOLDS = 3, 4
+"""A window has so many steps of a value that moves in steps; so many of the newest say how long they are."""
 
 WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
 
@@ -85,6 +93,9 @@ class TrendOf:
             DEC: (outer, -inner),
         }
         self._debounce_ns = ns(expected.debounce_s)
+        self._grain_ns = 0
+        self._holds: deque[int] = deque(maxlen=HOLDS)  # for how long the value stood between its newest steps
+        self._stretched_ns = 0  # by so much is the window longer
         self._turn = expected.wraps_at
         self.reset()
 
@@ -94,6 +105,7 @@ class TrendOf:
         self._upper, self._lower = self._limits[None]
         self._newest_ns = self._ends_ns = PAST_NS  # of the newest sample, and when it says nothing any more
         self._value, self._changed_ns, self._slope = math.nan, time_ns, 0.0
+        self._repeated = False
         self._raw: float | None = None
         self._unwrapped = 0.0
         self._next: int | None = None  # the trend that must last, and since when it does
@@ -117,8 +129,15 @@ class TrendOf:
         if self._turn is not None:
             reading = self._unwrap(reading, self._turn)
         slope = self._add(time_ns, reading)
-        if reading != self._value:
-            self._value, self._changed_ns = reading, time_ns
+        if reading == self._value:
+            self._repeated = True
+            if self._stretched_ns and time_ns - self._changed_ns > 2 * self._grain_ns:
+                self._holds.clear()  # it stands, for longer than between steps
+                self._stretch(0)
+        else:
+            if self._repeated or self._holds:
+                self._stepped(time_ns)
+            self._value, self._changed_ns, self._repeated = reading, time_ns, False
         if slope is None:
             return
         self._slope = slope
@@ -128,6 +147,26 @@ class TrendOf:
         elif not self._debounce_ns or self._lasts(trend, time_ns):
             self._next, self.now = None, trend
             self._upper, self._lower = self._limits[trend]
+
+    @property
+    def stretched_s(self) -> float:
+        """By how many seconds the window is longer, for the value's steps."""
+        return self._stretched_ns / SECOND
+
+    def _stepped(self, time_ns: int) -> None:
+        """The value has changed: how long did it stand before, again and again?"""
+        self._holds.append(time_ns - self._changed_ns if self._repeated else 0)
+        longest = sorted(self._holds)
+        # One long hold is no step: it stood, and moves now.
+        grain_ns = longest[-2] if len(longest) > 1 else longest[0]
+        if not longest[-1]:
+            self._holds.clear()
+        self._stretch(grain_ns)
+
+    def _stretch(self, grain_ns: int) -> None:
+        self._grain_ns = grain_ns
+        self._stretched_ns = max(0, STEPS * grain_ns - self._window_ns)
+        self._line.span(self._window_ns + self._stretched_ns)
 
     def _lasts(self, trend: int, time_ns: int) -> bool:
         """Return whether a new trend has lasted for long enough."""
@@ -162,12 +201,20 @@ class QualitativeObserver(TrendOf):
         atoms = {trend: Atom(word, (value,)) for trend, word in WORDS.items()}
         self.atoms = tuple(atoms.values())
         self.period_ns = ns(expected.check_s)
-        self.detection_s = self.settling_s = expected.window_s + expected.debounce_s + expected.check_s
+        self._delay_s = expected.window_s + expected.debounce_s + expected.check_s
         self.patience_s = PATIENCE * expected.window_s
         self._said: dict[int | None, tuple[Literal, ...]] = {
             trend: tuple(Literal(atom, trend == other) for other, atom in atoms.items()) for trend in atoms
         }
         self._said[None] = NOTHING
+
+    @property
+    def detection_s(self) -> float:
+        return self._delay_s + self.stretched_s
+
+    @property
+    def settling_s(self) -> float:
+        return self._delay_s + self.stretched_s
 
     def due_ns(self) -> int | None:
         ends_ns = self._ends_ns

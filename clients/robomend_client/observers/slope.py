@@ -50,6 +50,10 @@ class Slope:
         self._rebuild_at = REBUILD * self._window
         self._st = self._sv = self._stt = self._stv = self._v0 = 0.0
 
+    def span(self, window_ns: int) -> None:
+        """Have the window be so long from now on, and its samples span half of it at least."""
+        self._window, self._least = float(window_ns), float(window_ns // 2)
+
     def __len__(self) -> int:
         return len(self._samples)
 

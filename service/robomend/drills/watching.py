@@ -81,7 +81,13 @@ class Watching:
             self._look(after_s)
             repair = await self._store.read(lambda view: repair_of(view, self._record))
             how, unknown = health_of(self._state)
-            if repair is not None and not repair.open:
+            missing = self._known.intersection(unknown)
+            # A repair also ends because nobody tells of its symptoms any more.
+            if (
+                repair is not None
+                and not repair.open
+                and not (missing and repair.state != RepairState.REPAIRED)
+            ):
                 return
             if after_s >= self._record.data["bound_s"]:
                 return
@@ -91,7 +97,6 @@ class Watching:
             well_since = (well_since or now) if well else None
             if well_since is not None and now - well_since >= self._calm_s:
                 return
-            missing = self._known.intersection(unknown)
             gone_since = (gone_since or now) if missing else None
             if gone_since is not None and now - gone_since >= GONE_S:
                 raise Gone(f"nobody reports {', '.join(map(str, sorted(missing)[:5]))} any more")

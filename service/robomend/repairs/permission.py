@@ -14,12 +14,13 @@ from robomend.planning.policy import Mode, Policy
 from robomend.planning.tried import repaired_by
 from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import NotPermitted, Overtaken, named, unseen
+from robomend.repairs.conclusions import NotPermitted, Overtaken, named, unconfirmed, unseen
 from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import Json, RepairRecord, approval
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 
 FLICKER_S = 1.0
@@ -191,7 +192,12 @@ class Stands:
             raise Overtaken(f"{named(more)} failed as well, which needs no yes: the plan is made anew")
         now = "the diagnosis is another one now"
         if result.healthy:
-            now = unseen(self._state, self._written) or "the robot is healthy again"
+            how, unknown = health_of(self._state)
+            now = unseen(self._state, self._written) or (
+                "the robot is healthy again"
+                if how is HealthState.HEALTHY
+                else unconfirmed(unknown, self._state)
+            )
         raise Overtaken(f"{now}: the plan no longer applies")
 
     def _more(self, result: DiagnosisResult) -> list[str]:

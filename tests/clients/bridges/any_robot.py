@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ class AnyRobot:
     origin: str
     node: Callable[[str], NodeProcess]  # starts one
     section: dict[str, Any]  # of the agent's file
+    nodes: Mapping[str, NodeProcess]  # those that were started
 
     @property
     def watched(self) -> dict[str, str]:
@@ -37,10 +38,12 @@ def any_robot(origin: str, folder: Path) -> Iterator[AnyRobot]:
     """A robot of this kind; skips where there is none."""
     if origin == "ros1":
         with ros1_robot(folder) as old:
-            yield AnyRobot(origin, old.node, {"master": old.master.uri})
+            yield AnyRobot(origin, old.node, {"master": old.master.uri}, old.nodes)
     elif origin == "ros2":
         with ros2_robot(folder) as new:
-            yield AnyRobot(origin, new.node, {"domain": new.domain, "discovery": "localhost"})
+            section = {"domain": new.domain, "discovery": "localhost"}
+            yield AnyRobot(origin, new.node, section, new.nodes)
     else:
         with zenoh_robot(folder) as spoken:
-            yield AnyRobot(origin, spoken.node, {"connect": [spoken.endpoint], "discovery_s": 0.5})
+            section = {"connect": [spoken.endpoint], "discovery_s": 0.5}
+            yield AnyRobot(origin, spoken.node, section, spoken.nodes)

@@ -12,7 +12,7 @@ from typing import Any
 from tests.waiting import eventually
 
 from robomend_client.agent.feeds import load_feed
-from robomend_client.observers import Contact
+from robomend_client.observers import Contact, Publishers
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import read
 
@@ -23,6 +23,7 @@ class Heard:
     def __init__(self) -> None:
         self.values: dict[str, list[Any]] = {}
         self.sights: dict[str, list[Contact]] = {}
+        self.publishers: dict[str, tuple[str, ...]] = {}
         self.log: list[str] = []
         self.task: asyncio.Task[None] | None = None
         self.listener: Callable[[str, object, int | None], None] | None = None  # hears it all, too
@@ -30,7 +31,9 @@ class Heard:
     def deliver(self, source: str, value: object, time_ns: int | None) -> None:
         if self.listener is not None:
             self.listener(source, value, time_ns)
-        if isinstance(value, Contact):
+        if isinstance(value, Publishers):
+            self.publishers[source] = value.nodes
+        elif isinstance(value, Contact):
             self.sights.setdefault(source, []).append(value)
         else:
             self.values.setdefault(source, []).append(value)

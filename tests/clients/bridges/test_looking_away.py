@@ -35,26 +35,73 @@ def said(service: ServiceDouble, since: int) -> set[str]:
     return {literal for batch in service.batches()[since:] for literal in batch["observations"]}
 
 
-def test_an_agent_that_was_halted_finds_the_robot_as_it_was(robot: AnyRobot, tmp_path: Path) -> None:
+def watching(robot: AnyRobot) -> dict[str, Any]:
+    """Start two nodes with a topic each; return an agent's sections that watch both."""
     for name in ("laser", "motor"):
         node = robot.node(name)
         node.do("publish", topic=f"/{name}", type="std_msgs/String", rate=10)
     topics = {name: {"from": robot.origin, "first_s": 60, "tolerance_hz": 8} for name in ("laser", "motor")}
-    sections: dict[str, Any] = {
-        robot.origin: robot.section,
-        "topics": topics,
-        "observers": {"nodes": {**robot.watched, "nodes": ["laser", "motor"]}},
-    }
-    well = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
+    observers = {"nodes": {**robot.watched, "nodes": ["laser", "motor"]}}
+    return {robot.origin: robot.section, "topics": topics, "observers": observers}
+
+
+WELL = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
+
+
+@pytest.mark.parametrize("long_s", [3.0, LONG_S])
+def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
+    robot: AnyRobot, tmp_path: Path, long_s: float
+) -> None:
+    sections = watching(robot)
     with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
-        eventually(lambda: well.items() <= service.signs().items(), "all well", 60)
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
         halted.send_signal(signal.SIGSTOP)
-        time.sleep(LONG_S)  # time itself is what passes unseen
+        time.sleep(long_s)  # time itself is what passes unseen
         batches = len(service.batches())
         halted.send_signal(signal.SIGCONT)
         eventually(lambda: len(service.batches()) > batches + 10, "more of it", 60)
-        eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
-        assert said(service, batches) == set(well)
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
+        assert said(service, batches) == set(WELL)
+
+
+def test_an_agent_that_was_halted_while_it_looked_who_is_there_goes_on_looking(
+    robot: AnyRobot, tmp_path: Path
+) -> None:
+    sections = watching(robot)
+    sections[robot.origin] = {**robot.section, "discovery_s": 2} if robot.origin != "ros1" else robot.section
+    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
+        log = tmp_path / "agent.log"
+        eventually(lambda: "is up" in log.read_text(), "the agent", 60)
+        for _ in range(2):
+            halted.send_signal(signal.SIGSTOP)
+            time.sleep(3)  # time itself is what passes unseen
+            halted.send_signal(signal.SIGCONT)
+            time.sleep(0.3)  # so long it looks
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
+        assert said(service, 0) == set(WELL)
+
+
+@pytest.mark.parametrize("robot", ["ros2", "zenoh"], indirect=True)
+def test_what_waited_while_the_agent_was_halted_is_no_sign_that_others_have_found_it_again(
+    robot: AnyRobot, tmp_path: Path
+) -> None:
+    """They are busy when it goes on, and find it later: until then their topics are unknown."""
+    sections = watching(robot)
+    topics = {name: WELL[name] for name in ("ok(laser)", "ok(motor)")}
+    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
+        halted.send_signal(signal.SIGSTOP)
+        time.sleep(LONG_S)  # time itself is what passes unseen
+        batches = len(service.batches())
+        for name in ("laser", "motor"):
+            robot.nodes[name].signal(signal.SIGSTOP)
+        halted.send_signal(signal.SIGCONT)
+        eventually(lambda: service.signs().items() >= dict.fromkeys(topics).items(), "unknown", 60)
+        time.sleep(2)  # longer than any silence
+        for name in ("laser", "motor"):
+            robot.nodes[name].signal(signal.SIGCONT)
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
+        assert {one for one in said(service, batches) if "ok" in one} == set(topics)
 
 
 def test_one_peer_that_was_halted_for_longer_than_its_lease_leaves_all_others_as_they_were(

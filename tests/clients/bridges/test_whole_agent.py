@@ -44,6 +44,25 @@ def test_a_killed_node_and_its_silent_topic_reach_the_service_with_their_evidenc
         assert atoms == {"ok(scan)", "running(hokuyo_node)", "ok(temperature)"}
 
 
+def test_a_second_publisher_that_makes_a_topic_too_fast_is_named(robot: AnyRobot, tmp_path: Path) -> None:
+    for name in ("odom_a", "odom_b"):
+        robot.node(name).do("publish", topic="/odom", type="std_msgs/String", rate=10)
+    odom = {"from": robot.origin, "first_s": 60, "rate_hz": 10, "tolerance_hz": 4}
+    sections: dict[str, Any] = {robot.origin: robot.section, "topics": {"odom": odom}}
+    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)):
+
+        def read() -> dict[str, Any]:
+            batches = [b for b in service.batches() if "not ok(odom)" in b["observations"]]
+            newest = batches[-1] if batches else {"observations": [], "readings": []}
+            found: dict[str, Any] = dict(zip(newest["observations"], newest["readings"], strict=True))
+            return found.get("not ok(odom)") or {}
+
+        limit = "10 ± 4; publishers: /odom_a, /odom_b"
+        eventually(lambda: read().get("limit") == limit, "its publishers", 60)
+        assert read()["symptom"] == "publishers"
+        assert read()["value"] > 15
+
+
 def test_a_number_that_is_none_is_told_once_with_its_source_and_changes_no_verdict(
     robot: AnyRobot, tmp_path: Path
 ) -> None:

@@ -85,8 +85,9 @@ def test_agrees_with_the_definition(happened: list[tuple[bool, int]]) -> None:
         time_ms += gap_ms
         overdue = bool(asked) and time_ms - asked[0] > 500
         before = o.check(time_ms * 1_000_000)
+        early = expected is True and time_ms < 500  # after the start, no answer could not be known yet
         assert [literal.positive for literal in before] == (
-            [False] if overdue else [] if expected is None else [expected]
+            [False] if overdue else [] if expected is None or early else [expected]
         )
         if asks:
             asked.append(time_ms)

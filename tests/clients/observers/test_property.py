@@ -164,3 +164,16 @@ def test_what_was_read_once_of_a_latched_topic_is_kept_over_resets_and_does_not_
         "not ok(grid)",
         "not ok(mine)",
     ]
+
+
+@pytest.mark.parametrize("latched", [True, False])
+def test_what_waited_while_nobody_looked_is_taken_in_of_a_latched_topic_only(latched: bool) -> None:
+    kept = PropertyObserver("grid", "map:resolution", Band(high=0.1), Readings(latched=latched))
+    driver = Driver([kept], 0)
+    driver.sample("map:resolution", ns(1), 0.05, ns(1))
+    driver.lapse(ns(20.3))  # it was halted, and what comes until then has waited
+    driver.advance(ns(20.1))
+    driver.sample("map:resolution", ns(20.1), 0.5, ns(20.1))
+    driver.advance(ns(30))
+    said = [str(verdict.literal) for verdict in driver.standing()]
+    assert said == (["not ok(grid)"] if latched else [])

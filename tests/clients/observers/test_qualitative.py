@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable
 
 import pytest
@@ -288,3 +289,54 @@ def test_how_often_it_is_asked_makes_no_difference(
             o.feed("a" if first else "b", time_ms * 1_000_000, value)
     now_ns = time_ms * 1_000_000
     assert often.check(now_ns) == seldom.check(now_ns)
+
+
+# --- values that move in steps ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.02])
+@pytest.mark.parametrize("step_s", [1.0, 0.7, 2.5])
+def test_a_value_that_moves_in_steps_rises_and_does_not_stand_in_turn(step_s: float, jitter_s: float) -> None:
+    """Whole seconds of stamps, at 10 Hz, over the default window of a second."""
+    rng = random.Random(1)
+    driver = Driver([QualitativeObserver("stamp", "odom:stamp.sec")], 0)
+    changes: list[Change] = []
+    for k in range(450):
+        at_s = k / 10 + 0.05 + rng.uniform(-jitter_s, jitter_s)
+        changes += driver.sample("odom:stamp.sec", ns(at_s), int(at_s / step_s), ns(at_s))
+    inc = [c.value.positive for c in changes if c.value is not None and c.atom.predicate == "inc"]
+    assert len(inc) <= 4  # until its steps are known
+    assert inc[-1] is True
+    # It stops: that is seen when it has stood for longer than two steps.
+    stands = [
+        change
+        for k in range(450, 450 + round((2 * step_s + 1.5) * 10))
+        for change in driver.sample("odom:stamp.sec", ns(k / 10), 1000, ns(k / 10))
+    ]
+    assert "const(stamp)" in [str(change.value) for change in stands]
+    # And after a reset, too, its steps are known.
+    driver.settle(1, driver.atoms)
+    for k in range(600, 800):
+        at_s = k / 10 + 0.05
+        driver.sample("odom:stamp.sec", ns(at_s), int(at_s / step_s), ns(at_s))
+    assert "inc(stamp)" in {str(verdict.literal) for verdict in driver.standing()}
+
+
+def test_a_value_that_stood_and_moves_is_seen_to_move_as_soon_as_one_that_never_stood() -> None:
+    driver = Driver([QualitativeObserver("x", "odom:x")], 0)
+    changes: list[Change] = []
+    for k in range(300):
+        value = 0.0 if k < 200 else (k - 200) / 10
+        changes += driver.sample("odom:x", ns(k / 10), value, ns(k / 10))
+    (moved,) = (c for c in changes if str(c.value) == "inc(x)")
+    assert 20 <= moved.time_ns / 1e9 <= 20.5
+
+
+def test_two_values_that_move_in_steps_match() -> None:
+    driver = Driver([BinaryQualitativeObserver("matched(a,b)", "a", "b", Match(threshold=5))], 0)
+    changes: list[Change] = []
+    for k in range(600):
+        for source, value in (("a", int(k / 10)), ("b", k / 10)):
+            changes += driver.sample(source, ns(k / 10), value, ns(k / 10))
+    assert [str(c.value) for c in changes][-1:] == ["matched(a,b)"]
+    assert len(changes) <= 3

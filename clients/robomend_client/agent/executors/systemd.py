@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from robomend_client.actions import Action, ActionResult, Feedback
+from robomend_client.actions import OK, Action, ActionResult, Feedback
 from robomend_client.agent.executors.program import run
 
 VERBS = ("start", "stop", "restart", "reload")
@@ -46,7 +46,14 @@ class Units:
         self.gives_up = False  # systemd goes on with its job
         self.parameters = (tuple(units),)
         self._units = dict(units)
-        self._command = ["systemctl", *(["--user"] if user else []), "--no-ask-password", verb, "--"]
+        self._verb = verb
+        self._systemctl = ["systemctl", *(["--user"] if user else []), "--no-ask-password"]
+        self._command = [*self._systemctl, verb, "--"]
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
-        return await run([*self._command, self._units[action.parameters[0]]], str(action), feedback)
+        unit = self._units[action.parameters[0]]
+        if self._verb == "start":
+            asked = [*self._systemctl, "is-active", "--quiet", "--", unit]
+            if (await run(asked, str(action), feedback)).code == OK:
+                return ActionResult(OK, f"runs already: {unit} is active")
+        return await run([*self._command, unit], str(action), feedback)

@@ -95,7 +95,7 @@ class Ros1(RosBridge):
 
     def read_now(self) -> None:
         if self._node is not None:
-            self.look(self._node.unseen, self._node.read_now)
+            self.look(self._node)
 
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""

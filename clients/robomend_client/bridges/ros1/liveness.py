@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from robomend_client.beats import beat
+from robomend_client.beats import beat, done_within
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.nodes import Nodes, NodeState
 from robomend_client.bridges.ros1.subscription import Publisher
@@ -43,11 +43,6 @@ LOOK_S = 0.1
 LIST_S = 1.0
 TELL_S = 0.3
 """How often the table is told, changed or not; node.py of the observers has it run out after 3 s."""
-
-SLICES = 4
-"""A time-out is waited for in parts: of an agent that was late itself, one part runs out at once, and the
-answer that waits in the socket is read before the next.
-"""
 
 OPEN_S = 60.0
 """How long a question to a frozen node stays open."""
@@ -203,11 +198,7 @@ class Liveness:
         call = ask(connection, "getPid", self._node.name, timeout_s=OPEN_S)
         question = asyncio.create_task(call, name=f"getPid of {name}")
         try:
-            for _ in range(SLICES):
-                await asyncio.wait({question}, timeout=self._timeout_s / SLICES)
-                if question.done():
-                    break
-            else:
+            if not await done_within(question, self._timeout_s):
                 if not is_delivered(connection):
                     raise OutOfReach("its computer does not confirm what is sent to it")
                 self._found(name, NodeState.FROZEN)

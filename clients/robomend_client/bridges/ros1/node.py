@@ -95,8 +95,13 @@ class RosNode:
         """
         known = self.known.is_set()
         return {
-            topic for topic, one in self._subscriptions.items() if not one.linked and (one.open or not known)
+            topic for topic, one in self._subscriptions.items() if not one.nodes and (one.open or not known)
         }
+
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, as far as they are connected."""
+        one = self._subscriptions.get(topic)
+        return () if one is None else tuple(sorted(one.nodes))
 
     async def run(self) -> None:
         """Be a node until cancelled."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 
-from robomend_client.beats import beat
+from robomend_client.beats import beat, done_within
 from robomend_client.bridges.problems import Complaint
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.tcpros import (
@@ -28,7 +28,7 @@ from robomend_client.bridges.ros1.xmlrpc import (
     address_of,
     connect,
 )
-from robomend_client.python310 import end, timeout
+from robomend_client.python310 import end
 
 LOOK_S = 1.0
 """How often each is asked; a header from a computer in the same room takes some milliseconds."""
@@ -100,19 +100,24 @@ class Services:
         """
         reader, writer = await connect(host, port, self._timeout_s)
         hello = {"callerid": self._node.name, "service": service, "md5sum": "*", "probe": "1"}
+        answer = asyncio.create_task(_read_header(reader))
         try:
-            async with timeout(self._timeout_s):
-                writer.write(encode_header(hello))
-                (length,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
-                if length > LONGEST_HEADER:
-                    raise ProtocolError("a header that is too long", f"{length} bytes")
-                header = decode_header(await reader.readexactly(length))
-        except TimeoutError as error:
-            raise OSError(f"nothing within {self._timeout_s:g} s") from error
+            writer.write(encode_header(hello))
+            if not await done_within(answer, self._timeout_s):
+                raise OSError(f"nothing within {self._timeout_s:g} s")
+            header = answer.result()
         finally:
             writer.close()
+            await end([answer])
         if "error" in header:
             raise ProtocolError(header["error"][:200])
+
+
+async def _read_header(reader: asyncio.StreamReader) -> dict[str, str]:
+    (length,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
+    if length > LONGEST_HEADER:
+        raise ProtocolError("a header that is too long", f"{length} bytes")
+    return decode_header(await reader.readexactly(length))
 
 
 def _unsaid(error: Exception) -> Complaint:

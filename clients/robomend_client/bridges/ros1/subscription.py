@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
@@ -99,13 +99,13 @@ class Subscription:
         self._wanted: frozenset[str] = frozenset()
         self._links: dict[str, asyncio.Task[None]] = {}
         self._closed = False
-        self._standing: set[str] = set()  # publishers that are connected
+        self._standing: dict[str, str] = {}  # publishers that are connected: uri -> node
         self._open: set[str] = set()  # those that it is to be seen of whether they can be
 
     @property
-    def linked(self) -> bool:
-        """Whether any publisher is connected."""
-        return bool(self._standing)
+    def nodes(self) -> Collection[str]:
+        """The publishers that are connected."""
+        return self._standing.values()
 
     @property
     def open(self) -> bool:
@@ -232,14 +232,14 @@ class Subscription:
             )
         self.type, self._md5 = publisher.type, publisher.md5
         self._problems.over(f"the publisher at {stream.uri}")
-        self._standing.add(stream.uri)
+        self._standing[stream.uri] = publisher.node
         self._open.discard(stream.uri)
         for on_link in self._on_link:
             on_link(publisher, True)
         return publisher
 
     def lost(self, publisher: Publisher) -> None:
-        self._standing.discard(publisher.uri)
+        self._standing.pop(publisher.uri, None)
         self._open.add(publisher.uri)
         for on_link in self._on_link:
             on_link(publisher, False)

@@ -10,14 +10,14 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Hashable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.beats import beat
-from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge
+from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge, RosPart
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.opened import OpenedMessage
@@ -46,8 +46,17 @@ TABLE_S = 0.5
 MOST_UNTOLD = 3
 """Whoever was found and has not told its nodes after so many times discovery_s will not do so."""
 
-DROPPED_S = 5.0
-"""Others drop us when they have not heard us for twice as long; to find us again takes as long."""
+DROPPED_S = 2.0
+"""Others drop us when they have not heard us for 10 s, and hear us each 8 s at least."""
+
+DRAINED_S = 1.5
+"""So long what comes after that may be what waited in sockets, or of those who are about to drop us."""
+
+REFOUND_S = 10.0
+"""Those that have dropped us, or whom we have dropped, are found again within so long."""
+
+LOOK_AT_MOST_S = 0.25
+"""More between two looks does not count as time in which it was looked."""
 
 MOST_WRITERS = 4096
 
@@ -64,13 +73,14 @@ class Message(NamedTuple):
     writer: Hashable  # whose stamps are comparable
     node: str  # its publisher's; nothing, until that is known
     stamp_ns: int | None  # by its writer's clock
+    latched: bool = False  # it will not come again
 
 
 OnMessage = Callable[[Message], None]
 
 
-class Ros2Node(Protocol):
-    """Our node on the robot's network."""
+class Ros2Node(RosPart, Protocol):
+    """Our node on a network of ROS 2."""
 
     def subscribe(self, topic: str, on_message: OnMessage) -> None:
         """Listen to a topic."""
@@ -79,12 +89,9 @@ class Ros2Node(Protocol):
         """Offer a topic."""
         ...
 
-    def read_now(self) -> None:
-        """Hand on what has come by now."""
-
     @property
-    def unseen(self) -> Collection[str]:
-        """Topics of which nothing would be heard now if there were something."""
+    def unheard(self) -> Unheard:
+        """For how long, and at what, it is not looked."""
         ...
 
 
@@ -92,31 +99,58 @@ class Unheard:
     """Topics that are not looked at until something of them is heard, or until a time.
 
     So it is with all of them when the network was just entered, and when nobody looked for so long that
-    others may have dropped us: until who is there has been found, nothing that does not come is silent.
+    others may have dropped us: until who is there has been found, nothing that does not come is silent, and
+    what waited meanwhile, which comes all at once, is neither a rate nor a sign that we are found.
+
+        halted          |  drains  |  refinds                   |
+        what waited ────┴► left out                             └► what was not heard is silent
+                                   └► what comes is heard
+
+    All times are of looking: a bridge that is halted, or starved, has no less of them.
     """
 
     def __init__(self, found_s: float) -> None:
         """`found_s`: who is there has been found after so long."""
         self._found_s = found_s
         self._until_s: dict[str, float] = {}
-        self._looked_s = time.monotonic()
+        self._clock_s = time.monotonic()
+        self.looked_s = 0.0  # all together
+        self._drained_s = self._refound_s = 0.0
 
     def of(self, topics: Iterable[str]) -> None:
         """Nothing can be heard of these yet."""
-        self._until_s |= dict.fromkeys(topics, time.monotonic() + self._found_s)
+        self._not_before(topics, self.looked_s + self._found_s)
 
     def look(self, topics: Iterable[str]) -> None:
         """Look at the clock: called again and again."""
-        before_s, self._looked_s = self._looked_s, time.monotonic()
-        if self._looked_s - before_s > DROPPED_S:
-            self._until_s |= dict.fromkeys(topics, self._looked_s + DROPPED_S)
+        before_s, self._clock_s = self._clock_s, time.monotonic()
+        gap_s = self._clock_s - before_s
+        self.looked_s += min(gap_s, LOOK_AT_MOST_S)
+        if gap_s > DROPPED_S:
+            self._drained_s = self.looked_s + DRAINED_S
+            self._refound_s = self.looked_s + REFOUND_S
+            self._not_before(topics, self._refound_s)
+
+    def _not_before(self, topics: Iterable[str], until_s: float) -> None:
+        for topic in topics:
+            self._until_s[topic] = max(until_s, self._until_s.get(topic, 0.0))
 
     def heard(self, topic: str) -> None:
-        self._until_s.pop(topic, None)
+        if not self.drains:
+            self._until_s.pop(topic, None)
+
+    @property
+    def drains(self) -> bool:
+        """Whether what comes may have waited while nobody looked."""
+        return self.looked_s < self._drained_s
+
+    @property
+    def refinds(self) -> bool:
+        """Whether others may not have found us again, or we them, since nobody looked."""
+        return self.looked_s < self._refound_s
 
     def __iter__(self) -> Iterator[str]:
-        now_s = time.monotonic()
-        return iter([topic for topic, until_s in self._until_s.items() if now_s < until_s])
+        return iter([topic for topic, until_s in self._until_s.items() if self.looked_s < until_s])
 
 
 class Ros2Bridge(RosBridge):
@@ -155,7 +189,7 @@ class Ros2Bridge(RosBridge):
 
     def read_now(self) -> None:
         if self._node is not None:
-            self.look(self._node.unseen, self._node.read_now)
+            self.look(self._node)
 
     async def be(
         self,
@@ -172,11 +206,11 @@ class Ros2Bridge(RosBridge):
             untold: says whether there is somebody who has not told its nodes yet.
         """
         for topic, wanted in self._topics.items():
-            node.subscribe(topic, self._hearing(topic, wanted, deliver))
+            node.subscribe(topic, self._hearing(topic, wanted, node.unheard, deliver))
         self._node, self._deliver = node, deliver
         works = [work] if self._parts is not None else [work, self.read_on()]
         if self._watches_nodes:
-            works.append(self._tables(look, untold, deliver))
+            works.append(self._tables(look, untold, node.unheard, deliver))
         if self._parts is not None:
             works += self._with(node, self._parts)
         tasks = [asyncio.create_task(part) for part in works]
@@ -215,17 +249,19 @@ class Ros2Bridge(RosBridge):
 
     # --- what observers get ----------------------------------------------------------------------------
 
-    async def _tables(self, look: LookAtNodes, untold: Callable[[], bool], deliver: Deliver) -> None:
+    async def _tables(
+        self, look: LookAtNodes, untold: Callable[[], bool], unheard: Unheard, deliver: Deliver
+    ) -> None:
         """Say which nodes run: at once when one begins or ends, and now and then."""
-        await asyncio.sleep(self.discovery_s)  # whoever was not found by then is not there
-        told_by = time.monotonic() + MOST_UNTOLD * self.discovery_s
-        while untold() and time.monotonic() < told_by:
+        found_s = unheard.looked_s + self.discovery_s  # whoever was not found by then is not there
+        told_s = found_s + MOST_UNTOLD * self.discovery_s
+        while unheard.looked_s < found_s or (untold() and unheard.looked_s < told_s):
             await beat(LOOK_S)
         said: dict[str, bool | None] | None = None
         said_s = 0.0
         while True:
             found = await look()
-            if found is not None:
+            if found is not None and not unheard.drains:
                 self.look_at_names(found)
                 table = {self.names.ours(name): runs for name, runs in found.items()}
                 if table != said or time.monotonic() - said_s >= TABLE_S:
@@ -233,11 +269,15 @@ class Ros2Bridge(RosBridge):
                     said, said_s = table, time.monotonic()
             await beat(LOOK_S)
 
-    def _hearing(self, topic: str, wanted: list[tuple[str, str]], deliver: Deliver) -> OnMessage:
+    def _hearing(
+        self, topic: str, wanted: list[tuple[str, str]], unheard: Unheard, deliver: Deliver
+    ) -> OnMessage:
         fields = [(source, field) for source, field in wanted if field]
         counted = [source for source, field in wanted if not field]
 
         def heard(message: Message) -> None:
+            if unheard.drains and not message.latched:
+                return
             time_ns = self._made_ns(message)
             for source in counted:
                 deliver(source, None, time_ns)

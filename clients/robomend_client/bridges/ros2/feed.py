@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from robomend_client.agent.feeds import Deliver
-from robomend_client.bridges.ros2.base import Message, OnMessage, Ros2Bridge
+from robomend_client.bridges.ros2.base import Message, OnMessage, Ros2Bridge, Unheard
 from robomend_client.bridges.ros2.dds import Dds, NoDds, Sample, configuration, only_here
 from robomend_client.bridges.ros2.discovered import Endpoint, Participant
 from robomend_client.bridges.ros2.liveness import Liveness
@@ -43,7 +43,7 @@ class Ros2(Ros2Bridge):
             dds = await self._open()
             node = DdsNode(self.node_name, self.problems, self.discovery_s)
             node.found.lost.update(lost)
-            liveness = Liveness(node.found, self.problems)
+            liveness = Liveness(node.found, self.problems, node.unheard)
             try:
                 untold = partial(getattr, node.found, "untold")
                 await self.be(_Named(node), node.run(dds), liveness.look, untold, deliver)
@@ -83,8 +83,15 @@ class _Named:
         self._node.read_now()
 
     @property
+    def unheard(self) -> Unheard:
+        return self._node.unheard
+
+    @property
     def unseen(self) -> set[str]:
         return self._node.unseen
+
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        return self._node.publishers(topic)
 
     def _handing(self, on_message: OnMessage) -> Callable[[Endpoint, Sample], None]:
         found = self._node.found
@@ -92,6 +99,6 @@ class _Named:
         def handed(writer: Endpoint, sample: Sample) -> None:
             name = found.name_of(writer)
             told = (writer.type, writer.type_hash, writer.key or sample.writer, name, sample.time_ns)
-            on_message(Message(sample.data, *told))
+            on_message(Message(sample.data, *told, latched=bool(writer.durability and writer.reliable)))
 
         return handed

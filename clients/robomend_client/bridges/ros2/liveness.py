@@ -8,6 +8,7 @@ its participant is not heard any more: its lease
     (10 or 20 s, as its own settings say) is over
     its computer says that nobody has the port          not running
     its computer says nothing                           unknown: the network may have split
+    we have not looked for a while, or only again       unknown: nobody took in what it said
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections.abc import Collection
 
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.processes import Process, is_ours
+from robomend_client.bridges.ros2.base import Unheard
 from robomend_client.bridges.ros2.discovered import Discovered, Participant
 from robomend_client.bridges.ros2.processes import find
 from robomend_client.bridges.ros2.remote_port import RemotePort
@@ -28,8 +30,9 @@ MOST_ASKED = 128
 class Liveness:
     """Of all nodes of one domain."""
 
-    def __init__(self, found: Discovered, problems: Problems) -> None:
+    def __init__(self, found: Discovered, problems: Problems, unheard: Unheard) -> None:
         self._found = found
+        self._unheard = unheard
         self._problems = problems
         self._processes: dict[Participant, Process | None] = {}
         self._asked: dict[Participant, RemotePort] = {}
@@ -82,6 +85,9 @@ class Liveness:
     def _runs(self, lost: Participant, used: Collection[tuple[str, int]]) -> bool | None:
         if lost.key in self._found.participants:
             return None  # it is heard again, and will tell its nodes
+        if self._unheard.refinds:
+            process = self._processes.get(lost)
+            return None if process is None or process.works() else False
         here = self._processes.get(lost) is not None or is_ours(lost.address)
         if here or not lost.port or (lost.address, lost.port) in used:
             return False

@@ -76,7 +76,7 @@ class DdsNode:
         self._wanted: dict[str, list[OnSample]] = {}
         self._told: list[ToldByUs] = []
         self._mismatches: set[str] = set()
-        self._unheard = Unheard(discovery_s)
+        self.unheard = Unheard(discovery_s)
         self._part: _Part | None = None
         self._next: _Part | None = None
         self._again_s = float("-inf")  # when the domain was last entered once more
@@ -95,14 +95,18 @@ class DdsNode:
         """Hand on what has come in."""
         if self._part is not None:
             for topic in self._part.take():
-                self._unheard.heard(topic)
+                self.unheard.heard(topic)
 
     @property
     def unseen(self) -> set[str]:
         """Topics of which nothing would be heard now if there were something."""
-        self._unheard.look(self._wanted)
+        self.unheard.look(self._wanted)
         untold = (ros_topic(topic) for topic in self.found.untold_topics)
-        return {*self._unheard, *(topic for topic in untold if topic in self._wanted)}
+        return {*self.unheard, *(topic for topic in untold if topic in self._wanted)}
+
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, once for each publisher."""
+        return tuple(sorted(map(self.found.node_of, self.found.writers(wire_topic(topic)))))
 
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
@@ -113,7 +117,7 @@ class DdsNode:
         part = self._part = _Part(dds, self.found, self._wanted, self._told, self)
         for told, writer in zip(self._told, part.writers, strict=True):
             told.writer = writer
-        self._unheard.of(self._wanted)
+        self.unheard.of(self._wanted)
         try:
             while True:
                 if self._part.look():
@@ -173,8 +177,8 @@ class DdsNode:
         for told, writer in zip(self._told, new.writers, strict=True):
             told.writer = writer
         for name in new.take(taken_ns):
-            self._unheard.heard(name)
-        self._unheard.of(unknown)
+            self.unheard.heard(name)
+        self.unheard.of(unknown)
         self._part, self._next = new, None
         old.close()
         old.dds.close()

@@ -39,7 +39,7 @@ class ZenohNode:
         self._topics: dict[str, HeardTopic] = {}
         self._told: list[OfferedTopic] = []
         self._mismatches: set[str] = set()
-        self._unheard = Unheard(discovery_s)
+        self.unheard = Unheard(discovery_s)
 
     def subscribe(self, topic: str, on_message: OnMessage) -> None:
         """Listen to a topic, whoever publishes it."""
@@ -61,13 +61,17 @@ class ZenohNode:
         self._look(self._session)
         for topic in self._topics.values():
             if topic.take(self.graph):
-                self._unheard.heard(topic.topic)
+                self.unheard.heard(topic.topic)
 
     @property
     def unseen(self) -> set[str]:
         """Topics of which nothing would be heard now if there were something: all, without a connection."""
-        self._unheard.look(self._topics)
-        return set(self._topics) if self.connected_s is None else set(self._unheard)
+        self.unheard.look(self._topics)
+        return set(self._topics) if self.connected_s is None else set(self.unheard)
+
+    def publishers(self, topic: str) -> tuple[str, ...]:
+        """Return the nodes that publish a topic, once for each publisher."""
+        return tuple(sorted(token.node for token in self.graph.publishers(topic)))
 
     async def run(self, session: ZenohSession) -> None:
         """Be a node until cancelled."""
@@ -110,7 +114,7 @@ class ZenohNode:
             self._alone_s = now_s
             if self.connected_s is None:
                 self.connected_s = now_s
-                self._unheard.of(self._topics)
+                self.unheard.of(self._topics)
                 self.problems.over("the network")
             return
         self.connected_s = None

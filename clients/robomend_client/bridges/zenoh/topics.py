@@ -78,7 +78,7 @@ class HeardTopic:
                 place = f"what {node} attaches to messages of {self.topic}"
                 size = f"{len(sample.attachment)} bytes"
                 self._problems.tell(place, Complaint("not understood, timed by its arrival", size))
-            message = Message(sample.data, kind, type_hash, writer or node, node, stamp_ns)
+            message = Message(sample.data, kind, type_hash, writer or node, node, stamp_ns, self._latched)
             came = True
             for on_message in self._on_message:
                 on_message(message)
