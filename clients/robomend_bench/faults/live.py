@@ -35,9 +35,6 @@ from robomend_client.rest.asynchronous import AsyncClient
 
 Clock = Callable[[], float]
 
-BRIDGES_SAY_SO = False
-"""Whether the real bridge (bridges/ros2/feed.py) tells its observers that it looked away: so does ours."""
-
 
 class LiveRobot:
     """See the module. `id` is the robot's name at the service."""
@@ -235,7 +232,7 @@ class LiveRobot:
         """A host's bridge is no part of its middleware for a while, or is again: what is sent is lost."""
         (self._unheard.add if begins else self._unheard.discard)(host)
         for agent in self.agents:
-            if BRIDGES_SAY_SO and agent.host == host and agent.observers is not None:
+            if agent.host == host and agent.observers is not None:
                 agent.observers.look(Contact.LOST if begins else Contact.BACK, self._clock())
 
     def resume(self, host: str | None) -> None:
