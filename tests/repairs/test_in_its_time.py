@@ -24,6 +24,7 @@ from robomend.repairs import live_repair, permission, reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import Timing
 from robomend.repairs.looking import DENIED, LOOK_S
+from robomend.robots import start_ups
 from robomend.robots.batches import Batch
 from robomend.robots.reporters import Reporter
 
@@ -141,6 +142,61 @@ async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -
             repair = await the_repair(runtime)
     assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN)
     assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
+
+
+RESTARTED = ["stop_node(lidar_node)", "start_node(lidar_node)"]
+
+
+def booted(config: dict[str, Any]) -> dict[str, Any]:
+    """Return a configuration that does not say how long starts take."""
+    actions = {name: dict(one) for name, one in config["actions"].items()}
+    del actions["start_node"]["effect_timeout_s"]
+    return {**config, "actions": actions}
+
+
+async def at_boot(runtime: Runtime, robot: Robot) -> None:
+    """The lidar's driver is started by the robot itself, and is mute at first."""
+    robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+    await robot.settled()
+    robot.running["lidar_node"] = True
+    await robot.settled()
+    etag = (await runtime.robots.memory.robot("r1")).stored.etag
+    await runtime.robots.put_robot("r1", booted(CONFIG), expected=etag, by="ann")
+
+
+async def test_what_nobody_has_seen_start_before_has_a_minute_at_the_robots_boot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It speaks long after what an act of ours would be given."""
+    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=0.2))
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        await at_boot(runtime, robot)
+        await asyncio.sleep(STARTS_S)  # a boot takes its time
+        robot.do("start_node", "lidar_node")
+        repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", [])
+
+
+async def test_what_is_mute_for_longer_than_that_after_a_boot_is_restarted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 10**9)
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        await at_boot(runtime, robot)
+        repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", RESTARTED)
+
+
+async def test_what_was_heard_shortly_before_is_no_boot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that ended and was started again by others has the usual time."""
+    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=0.2))
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        await robot.settled()
+        await at_boot(runtime, robot)
+        repair = await the_repair(runtime, timeout_s=30.0)
+    assert (repair["state"], robot.done) == ("repaired", RESTARTED)
 
 
 async def next_repair(runtime: Runtime, before: str) -> dict[str, Any]:

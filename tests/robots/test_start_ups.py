@@ -14,7 +14,7 @@ from robomend.entry import Entry
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.robots import start_ups
 from robomend.robots.declared import Delays
-from robomend.robots.start_ups import LATEST, LEAST_NS, SLACK_NS, Starts, StartUps
+from robomend.robots.start_ups import BOOTS_NS, LATEST, LEAST_NS, SLACK_NS, Starts, StartUps
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -43,6 +43,10 @@ class Seen:
     )
     rose: dict[Atom, int] = field(default_factory=dict)
     looked: dict[Atom, int] = field(default_factory=dict)
+    fell: dict[Atom, int] = field(default_factory=dict)
+
+    def fell_ns(self, atom: Atom) -> int | None:
+        return self.fell.get(atom)
 
     def value(self, atom: Atom) -> bool | None:
         return self.values.get(atom)
@@ -531,3 +535,28 @@ def test_of_a_start_in_whose_middle_a_clock_jumped_nothing_is_learned(jumped_s: 
     heard(found, news(Literal(DRIVER, False), 99), news(Literal(DRIVER), 100))
     heard(found, news(Literal(SCAN), 122 + jumped_s), late_s=-jumped_s)
     assert (found.may_take_ns("scan") is not None) is learned
+
+
+# --- at a boot
+
+
+def test_a_node_that_began_by_itself_and_was_never_heard_has_as_long_as_a_boot_takes() -> None:
+    node, found = PARTS.nodes["driver"], StartUps()
+    assert found.at_boot_ns(node, 990 * S, Seen()) is None  # nobody saw it begin
+    seen = Seen(rose={DRIVER: 990 * S})
+    assert found.at_boot_ns(node, 990 * S, seen) == BOOTS_NS
+    seen.fell[SCAN] = 980 * S
+    assert found.at_boot_ns(node, 990 * S, seen) is None  # it has only been started again
+    seen.fell[SCAN] = 900 * S
+    assert found.at_boot_ns(node, 990 * S, seen) == BOOTS_NS
+
+
+def test_what_a_repair_started_or_is_known_to_start_faster_has_no_longer_at_a_boot() -> None:
+    node, seen = PARTS.nodes["driver"], Seen(rose={DRIVER: 990 * S})
+    ours, known = StartUps(), StartUps()
+    ours.acted(Action("a", "start_node", ("driver",), 1.0), 989 * S, 991 * S)
+    assert ours.at_boot_ns(node, 990 * S, seen) is None
+    assert ours.at_boot_ns(node, 5000 * S, seen) == BOOTS_NS
+    started(known, DRIVER, SCAN, 100, 3)
+    assert known.at_boot_ns(node, 990 * S, seen) is None
+    assert StartUps().at_boot_ns(replace(node, start_s=2.0), 990 * S, seen) is None

@@ -339,6 +339,10 @@ class Sight:
         times = self._rose.get(atom)
         return None if times is None else times[0]
 
+    def fell_ns(self, atom: Atom) -> int | None:
+        """Return until when something held that does not any more; None: it does, or nobody knows."""
+        return self._bad.get(atom) if atom in self._fell else None
+
     def interruptions(self, reporter: str) -> Iterator[tuple[Atom, str, int, int]]:
         """Yield what did not hold, or was not heard of, and holds now: in words, from when and until when.
 

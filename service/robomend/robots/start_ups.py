@@ -35,7 +35,8 @@ LONGEST_NS = 120 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
 
 BOOTS_NS = 60 * 10**9
-"""A device of which the model does not say how long it boots may still do so for as long after its power."""
+"""A device of which the model does not say how long it boots may still do so for as long after its power; and
+so may a robot of whose starts nothing is known, once it is switched on."""
 
 MOST_NS = 600 * 10**9
 """Nothing is waited for any longer, whatever it is that has not come yet."""
@@ -71,6 +72,10 @@ class Seen(Protocol):
 
     def rose_ns(self, atom: Atom) -> int | None:
         """Return since when something that holds is known to."""
+        ...
+
+    def fell_ns(self, atom: Atom) -> int | None:
+        """Return until when something held that does not any more; None: it does, or nobody knows."""
         ...
 
     def looked_ns(self, atom: Atom) -> int:
@@ -325,6 +330,20 @@ class StartUps:
                     may_take_ns += seen.delays(atom).settling_ns + SLACK_NS
                 longest_ns = max(longest_ns, may_take_ns)
         return longest_ns or None
+
+    def at_boot_ns(self, node: Node, began_ns: int, seen: Seen) -> int | None:
+        """Return how long a node may take to be heard that began by itself, as at the boot of its robot.
+
+        None: nobody saw it begin, a repair started it, something is known of its starts, or it was heard
+        shortly before, and has only been started again.
+        """
+        ours = 0 <= began_ns - self._began_by_us.get(node.name, 0) <= BOOTS_NS
+        if ours or not seen.seen_off(Atom(Node.state, (node.name,))):
+            return None
+        if any(self._own_ns(topic, node, powered=True) for topic in node.publishes):
+            return None
+        ends = (seen.fell_ns(Atom("ok", (topic,))) for topic in node.publishes)
+        return None if any(end is not None and end > began_ns - BOOTS_NS for end in ends) else BOOTS_NS
 
     def may_take_s(
         self,
