@@ -421,3 +421,30 @@ async def test_of_two_faults_the_one_that_needs_no_yes_is_mended_at_once(tmp_pat
         assert [step["text"] for step in asked["plan"]] == SHUT_DOWN
         assert [one["diagnosis"]["bad"] for one in asked["rounds"]] == [["mapping"], ["base"]]
         await runtime.repairs.cancel(asked["id"], by="ann", reason="not now")
+
+
+async def test_a_driver_is_tried_again_once_a_device_of_unknown_boot_has_surely_booted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Started sooner it stays mute; what was tried in vain is taken up only hours later."""
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 6 * 10**9)
+    monkeypatch.setattr(reasons, "AGAIN_S", 3000.0)
+    booted = asyncio.Event()
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        if name == "power_up":
+            asyncio.get_running_loop().call_later(5.0, booted.set)
+        robot.connected["base_node"] &= booted.is_set()
+        return 0
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = boots
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+        while repair["state"] == "escalated":
+            repair = await next_repair(runtime, repair["id"])
+    assert repair["state"] == "repaired"
+    assert robot.done.count("power_up(base)") == 1
+    assert robot.done.count("start_node(base_node)") == 3

@@ -234,3 +234,37 @@ async def test_an_observer_that_is_held_up_is_waited_for_as_long_as_observers_ar
 
     repair = await mended(tmp_path, HeldUp, observed_timeout_s=30.0)
     assert repair["state"] == "repaired", repair["reason"]
+
+
+async def test_what_cannot_be_judged_while_what_is_blamed_fails_is_not_waited_for(tmp_path: Path) -> None:
+    """Who watches the map has nothing to say without scans; the lidar needs a power cycle."""
+
+    class Compares(WithAgent):
+        async def report(self) -> None:
+            if self.silent:
+                return
+            now_ns, sentences = CLOCK.now_ns(), self.sentences()
+            blind = "not ok(scan)" in sentences
+            said = [one for one in sentences if not (blind and "(map)" in one)]
+            unknown = ["ok(map)"] if blind else []
+            since = [now_ns] * len(said)
+            await self.robots.observe(
+                "r1", Batch(said, source="agent", time_ns=now_ns, since=since, unknown=unknown)
+            )
+
+    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        cut = "power_up(lidar)" in robot.done
+        robot.connected["lidar_node"] &= cut
+        return 0
+
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, observed_timeout_s=120.0):
+            pass  # it is configured
+        robot = Compares(runtime.repairs, runtime.robots)
+        robot.spoil = hangs
+        async with running(robot):
+            await robot.settled()
+            robot.connected["lidar_node"] = False
+            repair = await the_repair(runtime)
+    assert (repair["state"], len(repair["rounds"])) == ("repaired", 2), repair["reason"]

@@ -194,7 +194,7 @@ class Calm:
             return known_ns
         if "effect_timeout_s" in self._state.config.actions.get("start_node", {}):
             return usual_ns
-        return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, sight) or 0)
+        return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""
