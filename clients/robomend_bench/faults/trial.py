@@ -321,7 +321,7 @@ class _Play:
         return change
 
     async def _retried(self, most_s: float) -> bool:
-        """Whether nothing is announced to be tried again while something that is slow may be ready by then."""
+        """Whether nothing is announced to be tried again, by when what is slow may be ready."""
         live = self._live
         if not live.scenario.longest_s or not live.record.repairs or not live.record.faults:
             return True
