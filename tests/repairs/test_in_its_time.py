@@ -73,6 +73,9 @@ async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(
     assert repair["state"] == "repaired"
 
 
+BOOTS_S = 15.0
+"""How long a device of theirs boots of which nothing says how long."""
+
 STARTS_S = 2.0
 """How long the robot's slow parts take; `effect_timeout_s` is 1 s."""
 
@@ -164,14 +167,11 @@ async def at_boot(runtime: Runtime, robot: Robot) -> None:
     await runtime.robots.put_robot("r1", booted(CONFIG), expected=etag, by="ann")
 
 
-async def test_what_nobody_has_seen_start_before_has_a_minute_at_the_robots_boot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It speaks long after what an act of ours would be given."""
-    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=0.2))
+async def test_what_nobody_has_seen_start_before_has_a_minute_at_the_robots_boot(tmp_path: Path) -> None:
+    """It speaks after what an act of ours would be given."""
     async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
         await at_boot(runtime, robot)
-        await asyncio.sleep(STARTS_S)  # a boot takes its time
+        await asyncio.sleep(Timing().effect_timeout_s + STARTS_S)  # a boot takes its time
         robot.do("start_node", "lidar_node")
         repair = await the_repair(runtime)
     assert (repair["state"], robot.done) == ("repaired", [])
@@ -187,11 +187,8 @@ async def test_what_is_mute_for_longer_than_that_after_a_boot_is_restarted(
     assert (repair["state"], robot.done) == ("repaired", RESTARTED)
 
 
-async def test_what_was_heard_shortly_before_is_no_boot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_was_heard_shortly_before_is_no_boot(tmp_path: Path) -> None:
     """A process that ended and was started again by others has the usual time."""
-    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=0.2))
     async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
         await robot.settled()
         await at_boot(runtime, robot)
@@ -423,18 +420,41 @@ async def test_of_two_faults_the_one_that_needs_no_yes_is_mended_at_once(tmp_pat
         await runtime.repairs.cancel(asked["id"], by="ann", reason="not now")
 
 
+async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_stopped_nor_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It only waits for its device, which boots for longer than what is tried twice."""
+    monkeypatch.setattr(reasons, "AGAIN_S", 3000.0)
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        if name == "power_up":
+            asyncio.get_running_loop().call_later(BOOTS_S, robot.do, "start_node", "base_node")
+        robot.connected["base_node"] = False
+        return 0
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = boots
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime, timeout_s=50.0)
+    assert repair["state"] == "repaired"
+    assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
+    assert (robot.done.count("stop_node(base_node)"), robot.done.count("start_node(base_node)")) == (2, 2)
+
+
 async def test_a_driver_is_tried_again_once_a_device_of_unknown_boot_has_surely_booted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Started sooner it stays mute; what was tried in vain is taken up only hours later."""
-    monkeypatch.setattr(start_ups, "BOOTS_NS", 6 * 10**9)
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 12 * 10**9)
     monkeypatch.setattr(reasons, "AGAIN_S", 3000.0)
     booted = asyncio.Event()
 
     async def boots(robot: Robot, name: str, parameter: str) -> int | None:
         robot.do(name, parameter)
         if name == "power_up":
-            asyncio.get_running_loop().call_later(5.0, booted.set)
+            asyncio.get_running_loop().call_later(10.0, booted.set)
         robot.connected["base_node"] &= booted.is_set()
         return 0
 

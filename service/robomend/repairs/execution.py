@@ -46,6 +46,9 @@ from robomend_client.actions import (
 )
 from robomend_client.literals import Literal
 
+WAITED_NS = 10**9
+"""After a longer wait for what a step needs, it is looked again whether it is good by now."""
+
 
 async def execute(plan: Plan, setting: Setting) -> Execution:
     """Carry out the plan and return what happened; never raises for what the world does.
@@ -143,7 +146,10 @@ class _Run:
         try:
             if await self._is_kept(step):
                 return
+            asked_ns = CLOCK.now_ns()
             await self._check_permitted(step)
+            if CLOCK.now_ns() - asked_ns > WAITED_NS and await self._is_kept(step):
+                return
             await self._check_preconditions(step, timing)
             if self._looking.visible(step):
                 self._setting.prediction.begin(step)
