@@ -46,8 +46,8 @@ from robomend_client.actions import (
 )
 from robomend_client.literals import Literal
 
-WAITED_NS = 10**9
-"""After a longer wait for what a step needs, it is looked again whether it is good by now."""
+WAITED_NS = 10**7
+"""After a longer wait for what a step needs, it is looked again whether what it acts on is good by now."""
 
 
 async def execute(plan: Plan, setting: Setting) -> Execution:
