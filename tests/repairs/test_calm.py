@@ -115,3 +115,23 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
         pending = calm._pending()
         assert pending[MAP] > now_ns + 50 * S
         assert SCAN not in pending
+
+
+async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(tmp_path: Path) -> None:
+    async def said(runtime: Runtime, time_ns: int, sentence: str) -> None:
+        batch = Batch([sentence], source="agent", time_ns=time_ns, since=[time_ns], lifetime_s=2.0)
+        await runtime.robots.observe("r1", batch)
+
+    config = {**CONFIG, "policy": "observe"}
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        state = await runtime.robots.memory.robot("r1")
+        now_ns = CLOCK.now_ns()
+        nobody = cast(Any, None)
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
+        for ago_s, sentence in ((300.0, "ok(odom)"), (2.2, "ok(scan)"), (1.0, "not ok(map)")):
+            await said(runtime, now_ns - round(ago_s * S), sentence)
+        pending = calm._pending()
+    assert pending.keys() == {SCAN}
+    assert now_ns < pending[SCAN] < now_ns + 2 * S

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -207,3 +208,63 @@ async def test_an_agent_of_the_version_before_is_believed_after_its_usual_delay(
 
     repair = await mended(tmp_path, Before, detection_s=0.3)
     assert repair["state"] == "repaired", repair["reason"]
+
+
+@pytest.mark.parametrize("held_up_s", [4.0])
+async def test_an_observer_that_is_held_up_is_waited_for_as_long_as_observers_are(
+    tmp_path: Path, held_up_s: float
+) -> None:
+    """Its agent runs and reports; only that it cannot judge for a while, as on a computer at its limit."""
+
+    class HeldUp(WithAgent):
+        started_s: float | None = None
+        seen_ns = 0
+
+        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+            now_s = asyncio.get_running_loop().time()
+            if self.done and self.started_s is None:
+                self.started_s = now_s
+            self.seen_ns = self.seen_ns or now_ns
+            if self.started_s is not None and now_s > self.started_s + held_up_s:
+                self.seen_ns = now_ns
+            return [self.seen_ns if "(map)" in one else now_ns for one in sentences]
+
+        def sentences(self) -> list[str]:
+            return [one.removeprefix("not ") if "(map)" in one else one for one in super().sentences()]
+
+    repair = await mended(tmp_path, HeldUp, observed_timeout_s=30.0)
+    assert repair["state"] == "repaired", repair["reason"]
+
+
+async def test_what_cannot_be_judged_while_what_is_blamed_fails_is_not_waited_for(tmp_path: Path) -> None:
+    """Who watches the map has nothing to say without scans; the lidar needs a power cycle."""
+
+    class Compares(WithAgent):
+        async def report(self) -> None:
+            if self.silent:
+                return
+            now_ns, sentences = CLOCK.now_ns(), self.sentences()
+            blind = "not ok(scan)" in sentences
+            said = [one for one in sentences if not (blind and "(map)" in one)]
+            unknown = ["ok(map)"] if blind else []
+            since = [now_ns] * len(said)
+            await self.robots.observe(
+                "r1", Batch(said, source="agent", time_ns=now_ns, since=since, unknown=unknown)
+            )
+
+    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        cut = "power_up(lidar)" in robot.done
+        robot.connected["lidar_node"] &= cut
+        return 0
+
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, observed_timeout_s=120.0):
+            pass  # it is configured
+        robot = Compares(runtime.repairs, runtime.robots)
+        robot.spoil = hangs
+        async with running(robot):
+            await robot.settled()
+            robot.connected["lidar_node"] = False
+            repair = await the_repair(runtime)
+    assert (repair["state"], len(repair["rounds"])) == ("repaired", 2), repair["reason"]

@@ -14,7 +14,7 @@ from robomend.entry import Entry
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.robots import start_ups
 from robomend.robots.declared import Delays
-from robomend.robots.start_ups import LATEST, LEAST_NS, SLACK_NS, Starts, StartUps
+from robomend.robots.start_ups import BOOTS_NS, LATEST, LEAST_NS, SLACK_NS, Starts, StartUps
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -43,6 +43,10 @@ class Seen:
     )
     rose: dict[Atom, int] = field(default_factory=dict)
     looked: dict[Atom, int] = field(default_factory=dict)
+    fell: dict[Atom, int] = field(default_factory=dict)
+
+    def fell_ns(self, atom: Atom) -> int | None:
+        return self.fell.get(atom)
 
     def value(self, atom: Atom) -> bool | None:
         return self.values.get(atom)
@@ -531,3 +535,49 @@ def test_of_a_start_in_whose_middle_a_clock_jumped_nothing_is_learned(jumped_s: 
     heard(found, news(Literal(DRIVER, False), 99), news(Literal(DRIVER), 100))
     heard(found, news(Literal(SCAN), 122 + jumped_s), late_s=-jumped_s)
     assert (found.may_take_ns("scan") is not None) is learned
+
+
+# --- at a boot
+
+
+def test_a_node_that_began_by_itself_and_was_never_heard_has_as_long_as_a_boot_takes() -> None:
+    node, found = PARTS.nodes["driver"], StartUps()
+    assert found.at_boot_ns(node, 990 * S, PARTS, Seen()) == 0  # nobody saw it begin
+    seen = Seen(rose={DRIVER: 990 * S})
+    assert found.at_boot_ns(node, 990 * S, PARTS, seen) == BOOTS_NS
+    seen.fell[SCAN] = 980 * S
+    assert found.at_boot_ns(node, 990 * S, PARTS, seen) == 0  # it has only been started again
+    seen.fell[SCAN] = 900 * S
+    assert found.at_boot_ns(node, 990 * S, PARTS, seen) == BOOTS_NS
+
+
+def test_what_a_repair_started_has_no_longer_at_a_boot() -> None:
+    node, seen = PARTS.nodes["driver"], Seen(rose={DRIVER: 990 * S})
+    ours = StartUps()
+    ours.acted(Action("a", "start_node", ("driver",), 1.0), 989 * S, 991 * S)
+    assert ours.at_boot_ns(node, 990 * S, PARTS, seen) == 0
+    assert ours.at_boot_ns(node, 5000 * S, PARTS, seen) == BOOTS_NS
+
+
+def test_what_is_known_of_boots_and_starts_is_what_they_have_at_a_boot() -> None:
+    rail, lidar = PARTS.hardware["rail"], PARTS.hardware["lidar"]
+    seen = Seen(rose={DRIVER: 990 * S, MAPPING: 990 * S})
+    parts = replace(PARTS, hardware={"rail": replace(rail, boot_s=0.0), "lidar": replace(lidar, boot_s=40.0)})
+    node = replace(PARTS.nodes["driver"], start_s=2.0)
+    assert StartUps().at_boot_ns(node, 990 * S, parts, seen) == (60 + 3) * S
+    assert StartUps().at_boot_ns(node, 990 * S, PARTS, seen) == BOOTS_NS  # of its device nothing is
+    alone = replace(PARTS.nodes["mapping"], start_s=2.0)
+    assert StartUps().at_boot_ns(alone, 990 * S, PARTS, seen) == 3 * S
+
+
+def test_a_driver_is_started_twice_before_its_device_of_unknown_boot_is_waited_for() -> None:
+    found, seen = StartUps(), Seen()
+    found.acted(Action("a", "power_up", ("lidar",), 1.0), 999 * S, 999 * S)
+    for _ in range(2):
+        assert found.drivable_ns("driver", PARTS, seen) <= 1000 * S
+        found.acted(Action("b", "start_node", ("driver",), 1.0), 1000 * S, 1000 * S)
+    assert found.drivable_ns("driver", PARTS, seen) == 1000 * S + BOOTS_NS
+    assert found.booting("driver", PARTS, seen) == ("lidar",)
+    assert found.all_booted_ns(PARTS, seen) == 1000 * S + BOOTS_NS
+    found.acted(Action("c", "power_up", ("lidar",), 1.0), 1000 * S, 1000 * S)
+    assert found.drivable_ns("driver", PARTS, seen) <= 1000 * S

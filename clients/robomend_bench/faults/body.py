@@ -323,7 +323,7 @@ def gateway_of(device: str, complains: bool) -> list[dict[str, Any]]:
     Real gateways name apps by their whole names, and reporters of faults by those of the graph.
     """
     faults = Faults()
-    faults.entities = frozenset(f"{robot}_{device}_driver" for robot in ("here", "there"))
+    faults.have({f"{robot}_{device}_driver": "" for robot in ("here", "there")})
     fault = {
         "fault_code": "NO_REASON",
         "severity": "ERROR",

@@ -330,7 +330,7 @@ class LiveRobot:
         found = []
         for one in repair["rounds"]:
             sent = [step for step in one["plan"] if step.get("sent_ns") is not None]
-            if one["helped"] and sent:
+            if one.get("helped") and sent:  # of a round under way nothing is said yet
                 times = [step["sent_ns"] / 1e9 - ahead_s for step in sent]
                 ends = [(step.get("ended_ns") or step["sent_ns"]) / 1e9 - ahead_s for step in sent]
                 parts = tuple({name for step in sent for name in re.findall(r"[\w-]+", step["text"])[1:]})

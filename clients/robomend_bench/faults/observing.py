@@ -13,7 +13,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from pathlib import Path
 
 from robomend_bench.faults.anatomy import Anatomy, Aspect
@@ -206,7 +206,13 @@ class HostObservers:
         self._changes += self.driver.lapse(self._drained_ns)
 
     def look(self, sight: Contact, now_s: float) -> None:
-        """The bridge stops looking at its topics, or looks at them again."""
+        """The bridge stops looking at its topics, or looks at them again.
+
+        What comes after it has stopped does not get to it, be it on its way already.
+        """
+        if sight is Contact.LOST:
+            self._messages = [one for one in self._messages if one[0] <= self._ns(now_s)]
+            heapify(self._messages)
         for topic in self.topics:
             for source, _ in self._fields[topic]:
                 self._changes += self.driver.look(source, sight, self._ns(now_s))

@@ -187,8 +187,10 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
         now = {atom: (until_s, value) for atom, value in values.items()}
         if batch.at_s > at_s - GRACE_S:
             fresh |= {atom for atom, (_, positive) in now.items() if positive}
-        if batch.at_s <= at_s + LAPSE_GRACE_S:
+        if batch.at_s <= at_s:
             said |= now
+        elif batch.at_s <= at_s + LAPSE_GRACE_S:  # that it is said may be known already, and not what
+            said |= {atom: (until_s, said[atom][1]) for atom in now if atom in said}
     found = []
     for literal in robot.anatomy.healthy:
         if literal.atom in said and literal.atom not in fresh:
@@ -203,13 +205,20 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
 
 
 def _called_healthy(record: Record, robot: Robot, delay_s: float) -> list[str]:
-    """Return when somebody was told that the robot is healthy, and it was not, or nobody could know."""
+    """Return when somebody was told that the robot is healthy, and it was not, or nobody could know.
+
+    Observers that must judge anew, as their agent was held up, have the time that they say they need for it.
+    """
+    topics = (topic for topic in robot.anatomy.topics.values() if topic.observed)
+    rates = (PRESETS[record.observers].of(topic.rate_hz, topic.tolerance_hz) for topic in topics)
+    anew_s = max((rate.first_verdict_s + rate.check_s for rate in rates), default=0.0)
+    lasting_s = max(delay_s, anew_s) + 1.0
     found = []
     for asked_s, at_s in record.called_healthy:
         before = _said_otherwise(record, robot, asked_s)
         why = [each for each in _said_otherwise(record, robot, at_s) if each in before]
         lasting = [
-            abnormal(robot.anatomy, state) for _, state in record.states_between(at_s - delay_s - 1.0, at_s)
+            abnormal(robot.anatomy, state) for _, state in record.states_between(at_s - lasting_s, at_s)
         ]
         why += sorted(map(str, frozenset.intersection(*lasting)))
         if why:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -39,6 +40,9 @@ LOOK_S = 0.05
 
 ASK_S = 1.0
 """How often somebody asks how a robot is."""
+
+AGAIN_S = 3.0
+"""For what is announced to be tried again, to begin."""
 
 TIMEOUT_S = 30.0
 """Of a request; one that is sent again as the computer was busy would find what the first one made."""
@@ -277,6 +281,7 @@ class _Play:
                     self._plan(each)
                 waiting = []
             over = self._over(bool(waiting)) and (disturbing is None or disturbing.done())
+            over = over and await self._retried(most_s)
             if over or live.at_s() > most_s or live.record.error:
                 return
 
@@ -314,6 +319,26 @@ class _Play:
             self._expected += 1
             return pass_by
         return change
+
+    async def _retried(self, most_s: float) -> bool:
+        """Whether nothing is announced to be tried again, by when what is slow may be ready."""
+        live = self._live
+        if not live.scenario.longest_s or not live.record.repairs or not live.record.faults:
+            return True
+        repair = await self._client.repair(live.record.repairs[-1].id)
+        left_s = (repair["retry_ns"] or 0) / 1e9 - time.time()
+        if repair["state"] != "escalated" or left_s <= 0 or live.at_s() + left_s > most_s:
+            return True
+        await asyncio.sleep(min(left_s, ASK_S))
+        return left_s <= ASK_S and await self._again(repair["id"])
+
+    async def _again(self, repair: str) -> bool:
+        """Give what is tried again a moment to begin; whether it has not."""
+        for _ in range(round(AGAIN_S / LOOK_S)):
+            await asyncio.sleep(LOOK_S)
+            if self._live.record.repairs[-1].id != repair:
+                return False
+        return True
 
     def _over(self, waiting: bool) -> bool:
         """Whether nothing more is to come: nothing to happen by itself, no repair open, and long quiet."""

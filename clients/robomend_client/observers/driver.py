@@ -16,8 +16,8 @@ times. The rules that make it so:
 - Time that nobody looked at (`lapse`: the computer slept, the agent was starved, the clock was set) is not
   silence of the robot. Observers that cannot bear it begin anew; what they said last stands until they have
   judged again, with its old evidence, at most for their settling time. Where lapses keep them from judging
-  again and again, that time counts on, up to three times as long; then their atoms are unknown. After a
-  lapse of three settling times they are unknown at once.
+  again and again, that time is from the first of them; then their atoms are unknown. After a lapse of three
+  settling times they are unknown at once.
 - So it is with what a feed did not look at (`Contact`): only that source's observers judge anew. While nobody
   looks (LOST) none of them is asked, and after a second their atoms are unknown.
 - In a log, a jump of time of more than JUMP_NS is believed once the next sample confirms it: a stamp from the

@@ -11,7 +11,8 @@ GRID_NS = 10_000_000
 NEVER = 1 << 62
 
 CHANCES = 3
-"""Settling times in which an observer that is kept from judging by lapses is waited for."""
+"""Settling times for which an observer at whose sources nobody looks, now and again, is waited for; after a
+lapse of so many none is."""
 
 
 BLIND_NS = 1_000_000_000
@@ -55,7 +56,7 @@ class ObserverState:
         self.said: tuple[Literal, ...] | None = None  # the newest answer
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
-        self.left_ns = 0  # of the time that it is waited for while somebody looks
+        self.left_ns = 0  # of the time that it is waited for
         self.patient_until_ns = NEVER
 
     @property
@@ -72,11 +73,13 @@ class ObserverState:
         """It judges anew from `time_ns` on.
 
         After a lapse, which began at `lapsed_ns`, with what is left of its chances: one that never gets to
-        judge does not stand for ever on what it said once.
+        judge does not stand for ever on what it said once. A lapse after a lapse does not lengthen its time.
         """
         settling_ns = ns(self.observer.settling_s)
         if lapsed_ns is None or not self.waiting:
             self.left_ns = CHANCES * settling_ns
+        elif time_ns > lapsed_ns:
+            self.left_ns = min(self.left_ns, settling_ns) - max(0, time_ns - self.floor_ns)
         else:
             self.left_ns -= max(0, lapsed_ns - self.floor_ns)
         if lapsed_ns is not None and time_ns - lapsed_ns >= CHANCES * settling_ns:

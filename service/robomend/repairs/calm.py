@@ -133,6 +133,7 @@ class Calm:
             state.sight.on_its_way_ns(),
         )
         found |= self._unseen(unconfirmed, now_ns)
+        found |= self._late(now_ns)
         found |= state.obs.doubted(now_ns)
         for atom, due_ns in state.sight.not_heard_since_onset().items():
             if due_ns + CUT_OFF_NS > now_ns:
@@ -175,14 +176,25 @@ class Calm:
         ends = {a: sight.unconfirmed.acts[a].from_ns + sight.delays(a).settling_ns for a in unconfirmed}
         return {atom: end + slack_ns for atom, end in ends.items() if end + slack_ns > now_ns}
 
+    def _late(self, now_ns: int) -> dict[Atom, int]:
+        """Return what lapsed a moment ago, while it may only be late: without it others are suspected."""
+        sight = self._state.sight
+        left = ((atom, sight.may_be_late_s((atom,))) for atom in sight.lapsed())
+        return {atom: now_ns + round(late_s * 1e9) for atom, late_s in left if late_s > 0}
+
     def _may_take_ns(self, name: str, began_ns: int) -> int:
         """Return how long what began then may need until it shows."""
         parts, sight = self._state.system.parts, self._state.sight
         usual_ns = round(self._start_up_s(name) * 1e9) + SLACK_NS
         if parts is None or name not in parts.nodes:
             return usual_ns
-        known_ns = sight.start_ups.after_our_start_ns(parts.nodes[name], began_ns, parts, sight)
-        return usual_ns if known_ns is None else known_ns
+        node = parts.nodes[name]
+        known_ns = sight.start_ups.after_our_start_ns(node, began_ns, parts, sight)
+        if known_ns is not None:
+            return known_ns
+        if "effect_timeout_s" in self._state.config.actions.get("start_node", {}):
+            return usual_ns
+        return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""

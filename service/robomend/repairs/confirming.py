@@ -123,14 +123,14 @@ class Confirming:
         told = False
         while result.healthy and (left := self._state.sight.not_confirmed()):
             names = named(left)
-            if self._left_s() <= 0:
+            if max(self._left_s(), self._held_up_s(left)) <= 0:
                 since_ns = max(self._state.sight.unconfirmed.acts[atom].from_ns for atom in left)
                 since = datetime.fromtimestamp(since_ns / 1e9, UTC).strftime("%H:%M:%S")
                 raise Silent(
                     f"nobody could confirm {names} since {since} UTC, when the last act had answered: "
                     "nothing else is wrong; look at the robot, and whether its observers still work"
                 )
-            if not told and self._left_s() > 1.0:
+            if not told and max(self._left_s(), self._held_up_s(left)) > 1.0:
                 told = True
                 await self._record.update(
                     RepairTrigger.UNHEARD,
@@ -244,6 +244,16 @@ class Confirming:
         ends = [began[a] + self._state.sight.delays(a).settling_ns - now_ns for a in left]
         return max(ends) / 1e9 + self._start_up_s + SLACK_S if ends else 0.0
 
+    def _held_up_s(self, left: Collection[Atom]) -> float:
+        """Return how long those who are configured to report these may still be held up: nothing else is
+        wrong, and an agent of a busy computer cannot judge for a while.
+        """
+        acts, now_ns = self._state.sight.unconfirmed.acts, CLOCK.now_ns()
+        began = [max(acts[atom].from_ns, self._began_ns) for atom in left if atom in self._observed]
+        waits_s = self._state.config.observed_timeout_s + SLACK_S
+        return (max(began) - now_ns) / 1e9 + waits_s if began else 0.0
+
     async def _news(self) -> None:
-        left_s = max(0.01, min(LOOK_S, self._left_s()))
+        left_s = min(LOOK_S, self._left_s()) if self._left_s() > 0 else LOOK_S
+        left_s = max(0.01, left_s)
         await self._signals.unless_halted(self._state.changed(self._state.revision, left_s))

@@ -51,6 +51,9 @@ from robomend_client.actions import (
 )
 from robomend_client.literals import Literal
 
+WAITED_NS = 10**7
+"""After a longer wait for what a step needs, it is looked again whether what it acts on is good by now."""
+
 # --- how far each step of a plan came: noted as it happens, and told on.
 #
 # Feedback of an action on its way comes as often as its executor likes; it is told at most every
@@ -204,7 +207,10 @@ class _Run:
         try:
             if await self._is_kept(step):
                 return
+            asked_ns = CLOCK.now_ns()
             await self._check_permitted(step)
+            if CLOCK.now_ns() - asked_ns > WAITED_NS and await self._is_kept(step):
+                return
             await self._check_preconditions(step, timing)
             if self._looking.visible(step):
                 self._setting.prediction.begin(step)

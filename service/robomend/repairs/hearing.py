@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import partial
 
 from robomend.observations.obs import consequences
+from robomend.planning.influence import influenced
+from robomend.planning.prediction import theory_of
 from robomend.repairs.conclusions import Silent
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -45,15 +47,18 @@ class Hearing:
         self._since = since or 0
         self._heard: set[Atom] = set()  # reported since then
 
-    async def hear_all(self) -> bool:
+    async def hear_all(self, *, explained: bool = False) -> bool:
         """Wait until OBS holds each literal that the observers will report; return whether we had to.
 
         A person who asked for the repair is not kept waiting; what is unknown then is assumed, and shown.
+
+        Args:
+            explained: what is unknown for the sake of what is blamed is not waited for.
         """
         asked = bool(self._record.data.get("asked")) and not self._anew
         deadline = self._deadline()
         told: list[str] = []
-        while missing := await self.unheard():
+        while missing := await self.unheard(explained=explained):
             names = [str(atom) for atom in missing]
             if asked:
                 return False
@@ -95,11 +100,17 @@ class Hearing:
     async def _next_news(self) -> None:
         await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
 
-    async def unheard(self) -> list[Atom]:
-        """Return the configured atoms that are unknown or, after a crash, were not reported since."""
+    async def unheard(self, *, explained: bool = False) -> list[Atom]:
+        """Return the configured atoms that are unknown or, after a crash, were not reported since.
+
+        Args:
+            explained: without what is unknown for the sake of what is blamed.
+        """
         if self._anew:
             await self._hear_since()
         silent = {atom for atom in self.observed if not self._state.sight.reported(atom)}
+        if explained and silent:
+            silent -= self._explained(silent)
         if self._anew:
             board = (await self._robots.board(self._state.id)) if self._state.config.board else None
             silent |= {
@@ -109,6 +120,18 @@ class Hearing:
                 if not (board is not None and board.told and self._source(atom) == SOURCE)
             }
         return sorted(silent)
+
+    def _explained(self, silent: Collection[Atom]) -> frozenset[Atom]:
+        """Return those of which their observers say that there is nothing to see, as may be where what is
+        blamed has failed: who compares two values has nothing to say while one of them is silent.
+        """
+        state, parts = self._state, self._state.system.parts
+        gone = [atom for atom in silent if state.sight.nothing_to_see(atom)]
+        blamed = frozenset(name for bad in (state.current and state.current.bad_sets) or () for name in bad)
+        if not gone or not blamed or parts is None:
+            return frozenset()
+        _, system, _ = state.question(())
+        return influenced(parts, theory_of(system.cnf), blamed, gone)
 
     def _source(self, atom: Atom) -> str | None:
         entry = self._state.obs.get(atom)

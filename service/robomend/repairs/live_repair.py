@@ -129,9 +129,13 @@ class LiveRepair:
 
     async def diagnose(self) -> DiagnosisResult:
         """Return the diagnosis of OBS now, after every configured observer was heard."""
-        if await self._hearing.hear_all():
+        if await self._hearing.hear_all(explained=True):
             await self._record.update(RepairTrigger.HEARD, waiting_for=[])
-        result = await self._verified(await self._newest())
+        result = await self._newest()
+        if result.healthy and await self._hearing.hear_all():
+            await self._record.update(RepairTrigger.HEARD, waiting_for=[])
+            result = await self._newest()
+        result = await self._verified(result)
         if not result.healthy:
             result = await self._verified(await self._calm.settled(result))
         wanted = self._record.data.get("wanted")

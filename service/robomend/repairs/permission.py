@@ -10,7 +10,7 @@ from dataclasses import replace
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan, Step
-from robomend.planning.policy import Mode, Policy
+from robomend.planning.policy import NODE_ACTIONS, Mode, Policy
 from robomend.planning.tried import repaired_by
 from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
@@ -22,6 +22,7 @@ from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
+from robomend_client.literals import Atom
 
 FLICKER_S = 1.0
 """What a plan was made for has to be gone for so long, or as long as its observers need to settle …"""
@@ -62,15 +63,19 @@ class Permission:
     async def refusal(self, step: Step) -> str | None:
         """Return why a step may not be done now, if so."""
         refusal = self._policy.refusal(step, self._acts.attempts, self._components)
-        if refusal is None and step.name == "start_node":
+        if refusal is None and step.name in NODE_ACTIONS:  # nor is what runs stopped for a start in vain
             await self._booted(step.parameters[0])
         return refusal or await self._acts.interlocked()
 
     async def _booted(self, node: str) -> None:
-        """Wait until the devices have booted that a node drives; one that starts sooner may stay mute."""
+        """Wait until the devices have booted that a node drives, or it is heard, which shows that they have;
+        one that starts sooner may stay mute.
+        """
         parts, sight = self._state.system.parts, self._state.sight
         told = False
-        while parts is not None:
+        topics = () if parts is None or node not in parts.nodes else parts.nodes[node].publishes
+        heard = [atom for atom in (Atom("ok", (topic,)) for topic in topics) if sight.reported(atom)]
+        while parts is not None and not (heard and all(map(sight.value, heard))):
             left_s = (sight.start_ups.drivable_ns(node, parts, sight) - CLOCK.now_ns()) / 1e9
             if left_s <= 0:
                 break

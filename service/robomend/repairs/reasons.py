@@ -25,6 +25,7 @@ from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import BadSets, blamed_now
 from robomend.repairs.flapping import Flapping
 from robomend.repairs.record import RepairRecord
+from robomend.robots.clock import CLOCK
 from robomend.robots.declared import Delays
 from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
@@ -39,7 +40,9 @@ AGAIN_S = 120.0
 """What was tried in vain is taken up again after this, then after twice as long, and so on …"""
 
 MOST_AGAIN_S = 3600.0
-"""… up to this."""
+"""… up to this. The first time it is no later than when all that has got its power has booted, and this:"""
+
+BOOTED_S = 1.0
 
 LAPSED_S = 60.0
 """The same of what was given up on, and was only not heard of in between."""
@@ -220,11 +223,18 @@ class ReasonsToRepair:
         return tuple(atom for atom in bad if atom in self._symptoms)
 
 
-def takes_up(record: RepairRecord, *, broke: bool) -> tuple[int, Json]:
-    """Return when a repair that ended without success is taken up again, and what the next one is told."""
+def takes_up(record: RepairRecord, state: Robot, *, broke: bool) -> tuple[int, Json]:
+    """Return when a repair that ended without success is taken up again, and what the next one is told.
+
+    What may have been started too early for its device is tried again once that has booted.
+    """
     times = (record.data.get("again") or {}).get("times", 0)
     first_s, most_s = (BROKE_S, MOST_BROKE_S) if broke else (AGAIN_S, MOST_AGAIN_S)
     wait_s = min(most_s, first_s * 2.0 ** min(times, 63))
+    parts, sight = state.system.parts, state.sight
+    booted_ns = 0 if parts is None or times else sight.start_ups.all_booted_ns(parts, sight)
+    if booted_ns:
+        wait_s = min(wait_s, (booted_ns - CLOCK.now_ns()) / 1e9 + BOOTED_S)
     why = "broke" if broke else "did not mend it"
     return time.time_ns() + round(wait_s * 1e9), {"of": record.id, "why": why, "times": times + 1}
 

@@ -266,7 +266,7 @@ class RobotRepairs:
         broke, again = end is RepairTrigger.BROKE, None
         in_vain = person and (not untouched or bool(record.data.get("again")))  # it had something to try
         if gives_up and retry_ns is None and not interlocked and (broke or in_vain):
-            retry_ns, again = takes_up(record, broke=broke)
+            retry_ns, again = takes_up(record, state, broke=broke)
         symptoms = state.sight.symptoms()
         self._reasons.gave_up(
             blamed if gives_up else None,

@@ -415,6 +415,7 @@ class Robot:
             changed = (*[entry for entry in changed if entry.atom not in touched], *left.changed)
             renewed = {atom: entry for atom, entry in renewed.items() if atom not in touched}
             renewed |= {entry.atom: entry for entry in left.renewed}
+            self.sight.taken_back(left.gone)
         if self.system.loops:
             self._circles.hear(update.entries)
         if any(not entry.positive for entry in changed):

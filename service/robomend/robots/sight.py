@@ -67,6 +67,7 @@ class Sight:
         "_robot",
         "_rose",
         "_settle",
+        "_taken_back",
         "declared",
         "power_back",
         "start_ups",
@@ -86,6 +87,7 @@ class Sight:
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
+        self._taken_back: dict[Atom, int] = {}  # what is said to be unknown -> since when
         self._powerless: set[str] = set()  # devices that were last heard to be off
         self.power_back: dict[str, int] = {}  # device -> when it was heard to be on, after it was off
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
@@ -339,6 +341,10 @@ class Sight:
         times = self._rose.get(atom)
         return None if times is None else times[0]
 
+    def fell_ns(self, atom: Atom) -> int | None:
+        """Return until when something held that does not any more; None: it does, or nobody knows."""
+        return self._bad.get(atom) if atom in self._fell else None
+
     def interruptions(self, reporter: str) -> Iterator[tuple[Atom, str, int, int]]:
         """Yield what did not hold, or was not heard of, and holds now: in words, from when and until when.
 
@@ -383,6 +389,9 @@ class Sight:
             self._bad.clear()
             self._powerless.clear()
             self.power_back.clear()
+        if self._taken_back:
+            for entry in reported:
+                self._taken_back.pop(entry.atom, None)
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
@@ -419,6 +428,21 @@ class Sight:
         for source, (said_ns, again, mortal) in spoke.items():  # it may have been on its way for long
             at_ns = min(now_ns, said_ns + self._clocks.lives_on_ns(source))
             self._heard.hear(source, at_ns, again=again, mortal=mortal)
+
+    def taken_back(self, atoms: Collection[Atom]) -> None:
+        """Take note of what those who reported it say to be unknown from now on."""
+        if len(self._taken_back) + len(atoms) > MAX_ATOMS:
+            self._taken_back.clear()
+        now_ns = CLOCK.now_ns()
+        for atom in atoms:
+            self._taken_back.setdefault(atom, now_ns)
+
+    def nothing_to_see(self, atom: Atom) -> bool:
+        """Return whether who reports it has said that it is unknown, and had the time to judge it anew."""
+        since_ns = self._taken_back.get(atom)
+        if since_ns is None or self.reported(atom):
+            return False
+        return CLOCK.now_ns() > since_ns + self.delays(atom).settling_ns + self.on_its_way_ns()
 
     def _switched(self, device: str, entry: Entry) -> None:
         """Take note of a device's power, which was heard to have changed."""

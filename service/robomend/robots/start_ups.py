@@ -31,11 +31,15 @@ from robomend_client.literals import Atom, Literal
 LATEST = 8
 """Starts of each kind that are remembered of each topic."""
 
+TOO_EARLY = 2
+"""So often a repair starts the driver of a device that may be booting, before it waits for that."""
+
 LONGEST_NS = 120 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
 
 BOOTS_NS = 60 * 10**9
-"""A device of which the model does not say how long it boots may still do so for as long after its power."""
+"""A device of which the model does not say how long it boots may still do so for as long after its power; and
+so may a robot of whose starts nothing is known, once it is switched on."""
 
 MOST_NS = 600 * 10**9
 """Nothing is waited for any longer, whatever it is that has not come yet."""
@@ -71,6 +75,10 @@ class Seen(Protocol):
 
     def rose_ns(self, atom: Atom) -> int | None:
         """Return since when something that holds is known to."""
+        ...
+
+    def fell_ns(self, atom: Atom) -> int | None:
+        """Return until when something held that does not any more; None: it does, or nobody knows."""
         ...
 
     def looked_ns(self, atom: Atom) -> int:
@@ -143,6 +151,7 @@ class StartUps:
         "_awaited",
         "_began_by_us",
         "_given_up",
+        "_orders",
         "_others_until_ns",
         "_publishers",
         "_stopped",
@@ -162,6 +171,7 @@ class StartUps:
         self._given_up: dict[str, int] = {}  # topic -> starts in a row that had their time, and were stopped
         self._unwritten: set[str] = set()  # topics of which the store has something else
         self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
+        self._orders: dict[str, int] = {}  # node -> how often a repair started it since one last cut power
         self._switched: dict[str, int] = {}  # device -> when a repair last switched it
         self._others_until_ns = 0  # of other acts nobody knows on what they act: they may show until then
         self._publishers: tuple[ComponentModel, Mapping[str, tuple[Node, ...]]] | None = None
@@ -189,10 +199,12 @@ class StartUps:
         """A repair's act has answered; what a user's own does shows until `shows_ns`, at the latest."""
         if action.name in POWER_ACTIONS:
             self._switched.update(dict.fromkeys(action.parameters, CLOCK.now_ns()))
+            self._orders.clear()
         elif action.name not in NODE_ACTIONS:
             self._others_until_ns = max(self._others_until_ns, shows_ns)
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
+            self._orders.update({name: self._orders.get(name, 0) + 1 for name in action.parameters})
 
     def disturbed(self) -> None:
         """What may have held up the starts under way was planted, and is undone now: they teach nothing."""
@@ -326,6 +338,25 @@ class StartUps:
                 longest_ns = max(longest_ns, may_take_ns)
         return longest_ns or None
 
+    def at_boot_ns(self, node: Node, began_ns: int, parts: ComponentModel, seen: Seen) -> int:
+        """Return how long a node may take to be heard that began by itself, as at the boot of its robot, with
+        its devices; 0: no longer than usual.
+
+        It is no boot where nobody saw it begin, a repair started it, or it was heard shortly before.
+        """
+        ours = 0 <= began_ns - self._began_by_us.get(node.name, 0) <= BOOTS_NS
+        if ours or not seen.seen_off(Atom(Node.state, (node.name,))):
+            return 0
+        ends = (seen.fell_ns(Atom("ok", (topic,))) for topic in node.publishes)
+        if any(end is not None and end > began_ns - BOOTS_NS for end in ends):
+            return 0
+        own_ns = max((self._own_ns(topic, node, powered=True) for topic in node.publishes), default=0)
+        devices = self._devices(node, parts)
+        boots = [parts.hardware[each].boot_s for each in devices]
+        if None in boots or not (devices or own_ns):
+            return max(BOOTS_NS, _with_room(own_ns))
+        return _with_room(max(map(_ns, boots), default=0)) + _with_room(own_ns)
+
     def may_take_s(
         self,
         missing: Iterable[Literal],
@@ -438,15 +469,36 @@ class StartUps:
         return power_ns + _with_room(_ns(boot_s)) if power_ns and boot_s else 0
 
     def drivable_ns(self, node: str, parts: ComponentModel, seen: Seen) -> int:
-        """Return when all devices of a node will have booted; 0: nothing says."""
+        """Return when all devices of a node will have booted; 0: nothing says.
+
+        Of a device of which nothing says how long it boots a node is started at once, and once more should it
+        have been too early; after that, when it has surely booted.
+        """
         devices = self._devices(parts.nodes[node], parts) if node in parts.nodes else ()
-        return max((self.booted_ns(each, parts, seen) for each in devices), default=0)
+        return max((self._bootable_ns(node, each, parts, seen) for each in devices), default=0)
+
+    def _bootable_ns(self, node: str, device: str, parts: ComponentModel, seen: Seen) -> int:
+        booted_ns, power_ns = self.booted_ns(device, parts, seen), self._power_ns(device, seen)
+        again = power_ns and parts.hardware[device].boot_s is None and self._orders.get(node, 0) >= TOO_EARLY
+        return power_ns + BOOTS_NS if again else booted_ns
 
     def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
-        """Return the devices of a node that have not booted yet, by what the model says."""
+        """Return the devices of a node that have not booted yet, by what is known of them."""
         now_ns = CLOCK.now_ns()
-        devices = self._devices(parts.nodes[node], parts)
-        return tuple(dict.fromkeys(d for d in devices if self.booted_ns(d, parts, seen) > now_ns))
+        devices = dict.fromkeys(self._devices(parts.nodes[node], parts))
+        return tuple(each for each in devices if self._bootable_ns(node, each, parts, seen) > now_ns)
+
+    def all_booted_ns(self, parts: ComponentModel, seen: Seen) -> int:
+        """Return when all devices that have got their power lately will have booted, at the latest; 0: they
+        have.
+        """
+        ends = [
+            self._power_ns(name, seen)
+            + (BOOTS_NS if device.boot_s is None else _with_room(_ns(device.boot_s)))
+            for name, device in parts.hardware.items()
+            if self._power_ns(name, seen)
+        ]
+        return max((end for end in ends if end > CLOCK.now_ns()), default=0)
 
     def needs_s(self, name: str, parts: ComponentModel) -> float:
         """Return how long what hangs on a component may need from when it is on, or runs, by the model and by

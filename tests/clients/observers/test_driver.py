@@ -326,7 +326,13 @@ def test_however_late_an_agent_is_the_rate_stays_what_it_is(
             changes += driver.lapse(ns(held_up[over][1] + 0.02))
             over += 1
         changes += driver.sample("scan", ns(heard_s), now_ns=ns(heard_s))
-    assert [change.value for change in changes] == [holds("ok", "scan")]
+    said = [change.value for change in changes]
+    settling_s = driver.delays_s(SCAN)[1]
+    if late_s + settled_s < settling_s:
+        assert said == [holds("ok", "scan")]
+    else:  # nobody has judged for longer than that takes
+        assert fails("ok", "scan") not in said
+        assert said[-1] == holds("ok", "scan")
 
 
 def test_what_an_agent_says_that_is_late_again_and_again_becomes_unknown_and_comes_back() -> None:
@@ -342,8 +348,7 @@ def test_what_an_agent_says_that_is_late_again_and_again_becomes_unknown_and_com
         at_s += 1.0 + looked_s
         changes += driver.advance(ns(at_s))
     assert [change.value for change in changes] == [holds("ok", "scan"), None]
-    lapses = (changes[1].time_ns / ns(1.0) - 2.0) / (1.0 + looked_s)
-    assert lapses * looked_s == pytest.approx(CHANCES * settling_s, abs=2 * looked_s)
+    assert changes[1].time_ns / ns(1.0) == pytest.approx(3.0 + settling_s, abs=1.0 + looked_s)
     assert values(beat(driver, "scan", at_s, 30)) == ["ok(scan)"]
 
 

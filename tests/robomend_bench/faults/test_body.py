@@ -8,7 +8,7 @@ import pytest
 from tests.robomend_bench.faults.small import ROBOT
 
 from robomend_bench.faults.anatomy import Anatomy
-from robomend_bench.faults.body import Body, hiccup_s
+from robomend_bench.faults.body import Body, gateway_of, hiccup_s
 from robomend_bench.faults.condition import Act, observed
 from robomend_bench.faults.kinds import Fault, begun
 from robomend_bench.faults.observing import PRESETS, HostObservers, Preset
@@ -173,3 +173,10 @@ def test_jitter_and_hiccups_stay_within_what_observers_tolerate(preset: Preset) 
 
 def test_a_hiccup_is_late_enough_to_be_seen_by_a_careless_observer() -> None:
     assert 0.1 < hiccup_s(10.0, 2.0) < 0.2
+
+
+@pytest.mark.parametrize("complains", [True, False])
+def test_a_gateways_fault_is_of_the_robot_whose_driver_reports_it(complains: bool) -> None:
+    levels = {one["name"]: one["level"] for one in gateway_of("camera", complains)}
+    assert levels["there_camera_driver"] == 0
+    assert (levels["here_camera_driver"] > 0) == complains

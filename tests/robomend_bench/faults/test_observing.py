@@ -9,6 +9,7 @@ from robomend_bench.faults.classes import Blind
 from robomend_bench.faults.observing import PRESETS, HostObservers, ns
 from robomend_bench.faults.robot import find_robot
 from robomend_client.literals import Atom
+from robomend_client.observers import Contact
 
 ALL = frozenset(ROBOT.nodes)
 FAST = PRESETS["fast"]
@@ -55,6 +56,16 @@ def test_an_agent_that_was_held_up_does_not_take_it_for_silence() -> None:
     for tick in range(10):
         host.message("map", 7.05 + tick / 10)
     assert [c for c in host.check(8.0, ALL, {}) if c.atom == Atom("ok", ("map",))] == []
+
+
+def test_what_a_bridge_does_not_hear_is_unknown_though_a_message_was_on_its_way_when_it_left() -> None:
+    host = fed()
+    host.message("map", 2.0)
+    assert "ok(map)" in said(host, 2.01)
+    host.message("map", 2.1)
+    host.look(Contact.LOST, 2.05)
+    changes = [change for at_s in (2.2, 2.6, 3.2, 6.0) for change in host.check(at_s, ALL, {})]
+    assert [c.value for c in changes if c.atom == Atom("ok", ("map",))] == [None]
 
 
 def test_asked_to_settle_they_judge_anew() -> None:

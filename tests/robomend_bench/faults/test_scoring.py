@@ -12,12 +12,13 @@ from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.condition import HEALTHY, Act, DeviceCondition, State
 from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.kinds import Fault
-from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
+from robomend_bench.faults.record import Acted, Arrived, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
-from robomend_bench.faults.scoring import Score, repair_utility, score
+from robomend_bench.faults.scoring import Score, _called_healthy, repair_utility, score
 from robomend_bench.faults.standins import play_with
 from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.faults.trial import Terms
+from robomend_client.literals import Atom, Literal
 
 SMALL = Robot("small", "", ROBOT)
 Told = tuple[float, str, tuple[str, ...]]
@@ -365,3 +366,24 @@ def test_idling_does_not_win() -> None:
 def test_a_stand_in_gives_the_same_record_again() -> None:
     trial, terms = Trial("base", "double", 1, 7), Terms("published")
     assert play_with("perfect", trial, terms).lines() == play_with("perfect", trial, terms).lines()
+
+
+@pytest.mark.parametrize(("arrived_s", "blamed"), [(0.9, True), (1.02, False), (1.2, False)])
+def test_bad_news_must_have_been_there_before_somebody_asks(arrived_s: float, blamed: bool) -> None:
+    record = record_of(HUNG, TRUTH)
+    map_ = Literal(Atom("ok", ("map",)))
+    record.arrived = [
+        Arrived(0.0, "agent", (map_,), (), 5.0),
+        Arrived(arrived_s, "agent", (-map_,), (), 5.0),
+    ]
+    record.called_healthy = [(1.0, 1.1)]
+    told = _called_healthy(record, SMALL, 2.0)
+    assert [one.partition(": ")[2] for one in told] == (["not ok(map) was said last"] if blamed else [])
+
+
+@pytest.mark.parametrize(("at_s", "blamed"), [(2.9, False), (9.9, True)])
+def test_a_fault_must_be_known_once_its_observers_could_judge_anew(at_s: float, blamed: bool) -> None:
+    record = record_of(HUNG, ((-1.0, HEALTHY), (0.0, with_faults(("mapper", "hung")))))
+    record.observers = "fast"
+    record.called_healthy = [(at_s, at_s)]
+    assert bool(_called_healthy(record, SMALL, 0.6)) == blamed
