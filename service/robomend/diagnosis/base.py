@@ -18,7 +18,7 @@ from robomend.diagnosis.conflicts import Conflicts
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.explanations import Cleared
-from robomend.diagnosis.justification import Justification
+from robomend.diagnosis.justification import Justification, Walk
 from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import (
     NOTHING_SUPPOSED,
@@ -175,13 +175,21 @@ class BaseEngine(ABC):
             self._name_modes(answer, [*observed.numbers, *what_if.numbers])
         blamed = [tuple([names[variable - 1] for variable in bad]) for bad in found]
         conflicts: tuple[Conflict, ...] = ()
-        whole = True
+        whole, every = True, found == [()]
         hit: list[int] = []
         if options.conflicts and found != [()]:
             masks = [mask_of(bad) for bad in found]
-            told = Justification(self._conflicts, self._consistency, observed, what_if, masks)
+            told = Justification(
+                self._conflicts,
+                self._consistency,
+                observed,
+                what_if,
+                masks,
+                everything=options.conflicts == "all",
+                walk=lambda abnormal: self._walk(observed, what_if, abnormal),
+            )
             known = told.of(answer)
-            whole = told.complete
+            whole, every = told.complete, told.whole
             conflicts = tuple([self._conflicts.in_words(one) for one in known])
             hit = [one.mask for one in known]
         if hit:
@@ -213,8 +221,13 @@ class BaseEngine(ABC):
             factored=tuple([factors(row, names) for row in rows]) if rows else (),
             count=answer.count if answer.count is not None else len(blamed) if stopped is None else None,
             conflicts_complete=whole,
+            conflicts_all=every,
             cleared=Cleared(blamed, conflicts) if conflicts else {},
         )
+
+    def _walk(self, observed: SignedObs, what_if: Supposed, abnormal: Sequence[Iterable[int]]) -> Walk | None:
+        """Simulate with these components abnormal, a lane each; None where that is not to be had at once."""
+        return None
 
     def _name_modes(self, answer: SearchState, assumptions: Sequence[int]) -> None:
         """Tell the first fault modes that fit, whatever the search, as far as there is time.

@@ -21,6 +21,7 @@ unordered enumeration takes its place. Where there is no bound on the size, the 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from robomend.diagnosis.base import BaseEngine, refuse_order_of_probability
@@ -28,6 +29,7 @@ from robomend.diagnosis.by_conflicts import ByConflicts
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.circuits.by_structure import ByStructure
 from robomend.diagnosis.circuits.netlist import recover
+from robomend.diagnosis.justification import Walk
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
@@ -97,6 +99,14 @@ class SatEngine(BaseEngine):
             self._clock.check()
             return False
         return True
+
+    def _walk(self, observed: SignedObs, what_if: Supposed, abnormal: Sequence[Iterable[int]]) -> Walk | None:
+        """Simulate where the structure was found for the search."""
+        structure = self.__dict__.get("_by_structure")
+        if structure is None or what_if is not NOTHING_SUPPOSED:
+            return None
+        walk: Walk = structure.walk(observed, abnormal)
+        return walk
 
     def _hurried(self) -> bool:
         """Whether finding the structure would take a quarter of the time that is left, or more."""

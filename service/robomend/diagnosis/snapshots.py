@@ -29,7 +29,7 @@ from time import perf_counter, thread_time
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
-from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
+from robomend.diagnosis.justification import JUSTIFIED, MAX_CONFLICTS
 from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
@@ -45,6 +45,9 @@ DEFAULTS = Options()
 
 HEAD_START_S = 0.5
 """Processor time for the search in any order, which mostly finds all diagnoses by then."""
+
+MAX_CIRCUIT_CONFLICTS = 8
+"""Told of several snapshots: each has hundreds of gates, and takes long to be made minimal."""
 
 FEW = 3
 """Snapshots that refute most of the candidates that any does: those that refuted the last ones come first."""
@@ -88,13 +91,15 @@ class SnapshotEngine:
 
         Raises:
             ContradictoryModel: one snapshot contradicts SD, whatever is abnormal.
-            OptionRefused: order "probability" and the factored form are for single observations.
+            OptionRefused: order "probability", the factored form and all conflicts: of single observations.
         """
         started = perf_counter()
         check_options(options)
         if options.order == "probability" or options.factored:
             refused = "order 'probability'" if options.order == "probability" else "the factored form"
             raise OptionRefused(f"{refused} is not available for several snapshots")
+        if options.conflicts == "all":
+            raise OptionRefused("all minimal conflicts can be listed of single observations only")
         what_if = supposed(self.cnf, options)
         distinct: dict[frozenset[int], SignedObs] = {}
         for observed in map(self._reader.read, snapshots):

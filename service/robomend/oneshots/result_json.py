@@ -86,6 +86,7 @@ def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:
             for conflict in result.conflicts
         ],
         "conflicts_complete": result.conflicts_complete,
+        "conflicts_all": result.conflicts_all,
         "learned": what_was_learned(result.conflicts),
         "cleared": dict(result.cleared),
         "unused": [str(literal) for literal in result.unused],

@@ -50,6 +50,9 @@ class ResultOut(Out):
     conflicts_complete: bool = Field(
         default=True, description="false: no time, or no room, for all that the diagnoses rest on"
     )
+    conflicts_all: bool = Field(
+        default=False, description="true: these are all minimal conflicts that there are"
+    )
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
     cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
     unused: list[str] = Field(default=[], description="observations that no rule mentions")
@@ -94,6 +97,16 @@ class CurrentDiagnosis(Out):
     )
 
 
+class AskOptionsBody(DiagnosisOptionsBody):
+    """How far the engine searches, and what it tells."""
+
+    conflicts: bool | Literal["all"] = Field(
+        default=True,
+        description="true: enough conflicts to show why each component is blamed; false: none; all: all "
+        "minimal ones, as far as there is time and room",
+    )
+
+
 class AskBody(In):
     """A stateless diagnosis: model and observations in, result out."""
 
@@ -106,7 +119,7 @@ class AskBody(In):
         default=[], max_length=10_000, description="what if these were healthy …"
     )
     abnormal: list[Component] = Field(default=[], max_length=10_000, description="… and these abnormal?")
-    options: DiagnosisOptionsBody = Field(default_factory=DiagnosisOptionsBody)
+    options: AskOptionsBody = Field(default_factory=AskOptionsBody)
 
 
 class ProbeOut(Out):

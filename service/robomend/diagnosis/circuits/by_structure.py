@@ -10,7 +10,7 @@ subset-minimal         by_solver.py: size by size on the whole circuit, from the
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from itertools import product
 from math import prod
@@ -18,6 +18,7 @@ from math import prod
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.circuits.netlist import Netlist
 from robomend.diagnosis.circuits.toplevel import Top, TopLevel
+from robomend.diagnosis.circuits.traces import Walk
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs
 from robomend.diagnosis.oracle import OutOfTime
@@ -50,6 +51,10 @@ class ByStructure:
         else:
             self._top_levels.move_to_end(sensors)
         return top_level
+
+    def walk(self, observed: SignedObs, abnormal: Sequence[Iterable[int]]) -> Walk:
+        """Simulate with these components abnormal, each set in its own lane, to find conflicts outside."""
+        return self._top_level(observed).traces().walk(observed, abnormal)
 
     def minimum(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         """List the minimum-cardinality diagnoses."""

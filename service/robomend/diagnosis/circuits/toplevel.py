@@ -29,6 +29,7 @@ from robomend.diagnosis.circuits.cones import by_output, few_behind, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
 from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
+from robomend.diagnosis.circuits.traces import Traces
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import SignedObs
@@ -85,6 +86,7 @@ class TopLevel:
         self._flips: dict[bool, Flips] = {}
         self._values: Values | None = None
         self._functions: dict[str, Callable[..., int]] = {}
+        self._traces: Traces | None = None
         self._guided: CoreGuided | None = None
         self._narrow: list[tuple[int, ...]] = []  # of each check the candidates behind it, where they are few
         self._number: dict[int, int] = {}  # of a signed net, in the top-level CNF
@@ -168,6 +170,13 @@ class TopLevel:
         """Return whether simulation agrees with all that is observed."""
         inputs, expected = self._inputs(observed)
         return self._passes(flat=False).agrees(inputs, expected)
+
+    def traces(self) -> Traces:
+        """Return what finds conflicts by simulation."""
+        if self._traces is None:
+            sensors = {*self._checks, *self._observed_sources}
+            self._traces = Traces(self.netlist, self.cones.seen, sensors)
+        return self._traces
 
     def _simulates(self, first_only: bool) -> bool:
         """Whether passes are worth compiling: at the second use; for all diagnoses of a few gates at once."""
