@@ -46,6 +46,8 @@ DROPPED_TOGETHER = 8
 """Searches whose clauses go at once: the solver looks through all that it has, which takes a tenth of an
 answer. Until then their guards are assumed to be off."""
 
+CORES_KEPT = 100
+
 EASY_CONFLICTS = 10
 EASY_PROPAGATIONS = 0.9
 """Of an easy core, the latter for each variable of the model: beyond it, most are decisions."""
@@ -84,6 +86,8 @@ class CoreGuided:
         self._running = 0
         self._pool: list[int] = []  # variables of the trees
         self._lent = 0  # so many of them are in use
+        # The last search's cores with what they rest on, those that speak of nothing but the model.
+        self.met: list[list[int]] = []
         self._over: list[int] = []  # as they are assumed: guards of searches whose clauses are still there
 
     def minimum(
@@ -117,6 +121,7 @@ class CoreGuided:
             self._fresh_or_warm(), self, [*self._over, *assumptions], (at_least, at_most), fixed
         )
         self._running += 1
+        self.met = search.met
         try:
             yield from search.run(incumbent, cores)
         finally:
@@ -192,6 +197,7 @@ class _CoreSearch:
             del self._supposed[candidate]
         self._paid = 0
         self._guard = 0
+        self.met: list[list[int]] = []
 
     def run(self, incumbent: list[int] | None, cores: Iterable[Sequence[int]]) -> Iterator[list[int]]:
         """Yield the minimum, then, if it is not the incumbent, the others of its size."""
@@ -261,7 +267,11 @@ class _CoreSearch:
 
     def _failed(self) -> list[int]:
         """Return the suppositions of which the last answer says that not all can hold."""
-        return [literal for literal in self._oracle.core() or () if literal in self._supposed]
+        core = self._oracle.core() or []
+        last = self._owner.variables
+        if len(self.met) < CORES_KEPT and core and max(core) <= last and min(core) >= -last:
+            self.met.append(core)
+        return [literal for literal in core if literal in self._supposed]
 
     def _pay(self, core: Sequence[int]) -> Sequence[int]:
         """Take the core out of the suppositions, and pay for one of its members."""

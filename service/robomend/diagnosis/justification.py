@@ -118,7 +118,7 @@ class Justification:
             if self._everything:
                 return self._all_minimal()
             if self._circuit:
-                return self._of_circuit()
+                return self._of_circuit(answer.cores)
             while met:
                 one = met.pop(0)
                 within = any(one.mask & smaller == smaller for smaller in kept)
@@ -153,11 +153,16 @@ class Justification:
 
     # --- of circuits ------------------------------------------------------------------------------
 
-    def _of_circuit(self) -> list[Known]:
-        """Return for each member of the first diagnoses a conflict that needs it, within the bounds."""
+    def _of_circuit(self, met: Sequence[list[int]]) -> list[Known]:
+        """Return for each member of the first diagnoses a conflict that needs it, within the bounds.
+
+        Args:
+            met: cores that the search came upon.
+        """
         kept: dict[int, Known] = {}
         masks = self._masks[:JUSTIFIED]
         try:
+            self._searched(met, masks[0] if masks else 0, kept)
             self._simulated(masks[:1], kept)  # what explains the first mostly explains others, too
             if len(masks) > 1:
                 self._simulated(masks, kept)
@@ -172,6 +177,16 @@ class Justification:
             for one in self._rough:
                 self._keep_one(one, kept)
         return list(kept.values())
+
+    def _searched(self, met: Sequence[list[int]], mask: int, kept: dict[int, Known]) -> None:
+        """Add of the search's own cores those that meet the first diagnosis in one member, one for each."""
+        for core in met:
+            one = mask_of([literal for literal in core if 0 < literal <= len(self._consistency.health)])
+            alone = one & mask & ~self._forced
+            if alone & (alone - 1) or one & self._forced or not alone or len(kept) >= self._most:
+                continue
+            if not _needed(alone, mask, kept):
+                self._keep_one(self._smaller(core), kept)
 
     def _simulated(self, masks: Sequence[int], kept: dict[int, Known]) -> None:
         """Add the conflicts that simulation shows for members of these diagnoses that still need one."""
@@ -199,25 +214,31 @@ class Justification:
 
     def _core_outside(self, abnormal: int) -> Known | None:
         """Return a conflict outside the mask, if the solver finds one soon, made smaller in few steps."""
-        oracle = self._consistency.oracle
         asked = [*self._observed.numbers, *self._what_if.numbers]
         asked += outside(self._consistency.health, abnormal | self._forced)
+        core = self._core_of(asked)
+        return None if core is None else self._smaller(core)
+
+    def _core_of(self, asked: list[int]) -> list[int] | None:
+        """Return which of these contradict each other, if the solver sees soon that some do."""
+        oracle = self._consistency.oracle
         propagations = CORE_PROPAGATIONS * self._consistency.cnf.variables
-        core: list[int] | None = None
-        while (answer := oracle.quickly(asked, CORE_CONFLICTS, propagations)) is False:
-            smaller = oracle.core() or []
-            again = core is None or 10 * len(smaller) < 9 * len(core)
+        refuted = oracle.quickly(asked, CORE_CONFLICTS, propagations) is False
+        return oracle.core() or [] if refuted else None
+
+    def _smaller(self, core: list[int]) -> Known:
+        """Return a conflict inside a core: another order mostly needs less; a narrow one is made minimal."""
+        self._rough = [self._conflicts.rough(core, self._what_if)]
+        smaller = self._core_of(core[::-1])
+        if smaller is not None and 10 * len(smaller) < 9 * len(core):
             core = smaller
-            if not again:
-                break
-            asked = core[::-1]  # in another order it mostly rests on less
-        if core is None:
-            return None
+            core = self._core_of(core[::-1]) or core
         found = self._conflicts.rough(core, self._what_if)
-        if answer is False and len(found.components) <= NARROW:
-            self._rough = [found]
-            found = self._conflicts.minimise(oracle, core, self._observed, self._what_if, calls=NARROW_CALLS)
-            self._rough = []
+        if len(found.components) <= NARROW:
+            found = self._conflicts.minimise(
+                self._consistency.oracle, core, self._observed, self._what_if, calls=NARROW_CALLS
+            )
+        self._rough = []
         return found
 
     # --- all of them, one by one ------------------------------------------------------------------

@@ -52,6 +52,10 @@ class ByStructure:
             self._top_levels.move_to_end(sensors)
         return top_level
 
+    def prepare(self, observed: SignedObs) -> None:
+        """Compile all that questions about these sensors need."""
+        self._top_level(observed).prepare()
+
     def walk(self, observed: SignedObs, abnormal: Sequence[Iterable[int]]) -> Walk:
         """Simulate with these components abnormal, each set in its own lane, to find conflicts outside."""
         return self._top_level(observed).traces().walk(observed, abnormal)

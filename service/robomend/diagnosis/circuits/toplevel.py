@@ -171,6 +171,13 @@ class TopLevel:
         inputs, expected = self._inputs(observed)
         return self._passes(flat=False).agrees(inputs, expected)
 
+    def prepare(self) -> None:
+        """Make what searches for one diagnosis, and for what it rests on."""
+        self._search()
+        self.traces()
+        if self._simulates(first_only=True):
+            self._passes(flat=False)
+
     def traces(self) -> Traces:
         """Return what finds conflicts by simulation."""
         if self._traces is None:
@@ -179,8 +186,11 @@ class TopLevel:
         return self._traces
 
     def _simulates(self, first_only: bool) -> bool:
-        """Whether passes are worth compiling: at the second use; for all diagnoses of a few gates at once."""
-        at_once = not first_only and len(self.netlist.gates) <= 1_000
+        """Whether passes are worth compiling: for one diagnosis they are, as many are asked for.
+
+        Else at the second use; for all diagnoses of a few gates at once.
+        """
+        at_once = first_only or len(self.netlist.gates) <= 1_000
         return self.can_simulate and (self.uses > 1 or at_once)
 
     @property
