@@ -132,7 +132,9 @@ def _counted(result: DiagnosisResult, mode: str, cnf: HealthCnf) -> Answer:
     sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
     least = min(sizes, default=None)
     if mode in ONE:
-        return Answer((least,), complete=bool(sizes), shown=least)
+        bounds = f"{result.size_at_least} to {result.size_at_most}"
+        note = "" if result.smallest_proved else f"minimum cardinality {bounds} when time ended"
+        return Answer((least,), complete=bool(sizes) and result.smallest_proved, shown=least, note=note)
     if mode == "probable":
         # Searched is by priors. Which of equally probable ones are listed is free, and how well they fit what
         # was seen to work, which sorts those that were found, differs: so that their priors are compared.

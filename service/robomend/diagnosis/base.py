@@ -169,6 +169,7 @@ class BaseEngine(ABC):
     ) -> DiagnosisResult:
         names = self.cnf.components
         found, modes = answer.found, answer.modes
+        at_least, at_most, proved = self._bounds(options, answer, stopped)
         if len(found) > 1 and not answer.rows and options.order == "size":
             found.sort(key=by_size)
         if self.cnf.modes:
@@ -222,12 +223,39 @@ class BaseEngine(ABC):
             count=answer.count if answer.count is not None else len(blamed) if stopped is None else None,
             conflicts_complete=whole,
             conflicts_all=every,
+            size_at_least=at_least,
+            size_at_most=at_most,
+            smallest_proved=proved,
             cleared=Cleared(blamed, conflicts) if conflicts else {},
         )
 
     def _walk(self, observed: SignedObs, what_if: Supposed, abnormal: Sequence[Iterable[int]]) -> Walk | None:
         """Simulate with these components abnormal, a lane each; None where that is not to be had at once."""
         return None
+
+    def _bounds(
+        self, options: Options, answer: SearchState, stopped: StoppedBy | None
+    ) -> tuple[int | None, int | None, bool]:
+        """Return bounds of the size of the smallest diagnosis, and whether it is found or there is none.
+
+        Where time ended a search for minimum cardinality the smallest that it has is added to those found.
+        """
+        if answer.found:
+            if options.order == "size":
+                size = min(map(len, answer.found))
+                return size, size, True
+            return None, min(map(len, answer.found)), stopped is None
+        if stopped is None:
+            return None, None, True
+        if stopped == "size":
+            return (0 if options.max_size is None else options.max_size) + 1, None, False
+        best = answer.best
+        at_most = None if best is None else len(best)
+        within = best is not None and (options.max_size is None or len(best) <= options.max_size)
+        if best is not None and within and options.minimal == "cardinality" and not options.factored:
+            answer.found.append(best)
+            answer.modes.setdefault(best, {})
+        return answer.at_least, at_most, at_most == answer.at_least
 
     def _name_modes(self, answer: SearchState, assumptions: Sequence[int]) -> None:
         """Tell the first fault modes that fit, whatever the search, as far as there is time.

@@ -78,6 +78,9 @@ class BySolver:
                             known.append(bad)
                 finally:
                     answer.cores = self._guided.met
+                    answer.at_least = max(answer.at_least, self._guided.paid + forced)
+                    if (best := self._guided.best) is not None:
+                        answer.best = tuple(sorted([*best, *what_if.abnormal]))
             if not known:
                 raise NoDiagnosis
             if options.minimal == "cardinality":

@@ -88,6 +88,8 @@ class CoreGuided:
         self._lent = 0  # so many of them are in use
         # The last search's cores with what they rest on, those that speak of nothing but the model.
         self.met: list[list[int]] = []
+        self.paid = 0  # by the last search: no diagnosis has fewer members
+        self.best: list[int] | None = None  # the smallest that it has come upon, which may not be the minimum
         self._over: list[int] = []  # as they are assumed: guards of searches whose clauses are still there
 
     def minimum(
@@ -122,9 +124,11 @@ class CoreGuided:
         )
         self._running += 1
         self.met = search.met
+        search.best = incumbent
         try:
             yield from search.run(incumbent, cores)
         finally:
+            self.paid, self.best = max(at_least, search.paid), search.best
             search.retire()
             self._running -= 1
             if not self._running:
@@ -195,7 +199,8 @@ class _CoreSearch:
         self._supposed = owner.all_supposed.copy()  # in the order in which the solver is told
         for candidate in fixed:
             del self._supposed[candidate]
-        self._paid = 0
+        self.paid = 0
+        self.best: list[int] | None = None
         self._guard = 0
         self.met: list[list[int]] = []
 
@@ -213,9 +218,9 @@ class _CoreSearch:
                 core = self._pay(core or self._failed())
                 if not core:
                     return
-                if self._at_most is not None and self._paid > self._at_most:
+                if self._at_most is not None and self.paid > self._at_most:
                     raise MinimumTooLarge
-                if incumbent is not None and self._paid >= len(incumbent):
+                if incumbent is not None and self.paid >= len(incumbent):
                     yield incumbent
                     return
                 if easy:
@@ -225,7 +230,9 @@ class _CoreSearch:
                 continue
             if sat:
                 found = self._abnormal()
-                if not easy or len(found) <= max(self._paid, self._at_least):
+                if self.best is None or len(found) < len(self.best):
+                    self.best = found
+                if not easy or len(found) <= max(self.paid, self._at_least):
                     break  # the model costs no more than must be paid
                 if incumbent is not None and len(found) < len(incumbent):
                     incumbent = found
@@ -247,7 +254,7 @@ class _CoreSearch:
             self._oracle.add([-guard, *found])  # one of them is healthy
             while not self._oracle.sat([*self._assumptions, *self._supposed]):
                 core = self._pay(self._failed())
-                if not core or self._paid > size:
+                if not core or self.paid > size:
                     return
                 self._relax(core)
             found = self._abnormal()
@@ -277,7 +284,7 @@ class _CoreSearch:
         """Take the core out of the suppositions, and pay for one of its members."""
         for literal in core:
             del self._supposed[literal]
-        self._paid += 1
+        self.paid += 1
         return core
 
     def _guarded(self) -> int:

@@ -103,6 +103,11 @@ class DiagnosisResult:
     cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
     # False: there was no time, or no room, for all that the diagnoses rest on.
     conflicts_complete: bool = True
+    # Bounds of the size of the smallest diagnosis, None where they are not known. A search for minimum
+    # cardinality that ran out of time gives the smallest that it has: `smallest_proved` is false.
+    size_at_least: int | None = None
+    size_at_most: int | None = None
+    smallest_proved: bool = True
     conflicts_all: bool = False  # True: these are all minimal conflicts that there are
 
     @property

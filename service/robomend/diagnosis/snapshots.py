@@ -119,6 +119,8 @@ class SnapshotEngine:
         told = self._justifying(masks, met) if options.conflicts else []
         smaller = {one.mask: one for one in [self._resting_on_less(*pair, what_if) for pair in told]}
         conflicts = tuple(map(self._in_words, smaller.values()))
+        by_size = options.minimal == "cardinality" or options.max_size is not None
+        proved = stopped in (None, "limit") or (bool(blamed) and (stopped == "size" or by_size))
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -130,6 +132,9 @@ class SnapshotEngine:
             unused=tuple(unused),
             count=len(masks) if stopped is None else None,
             cleared=clear_suspects(blamed, conflicts),
+            size_at_least=min(map(len, blamed)) if blamed and proved else None,
+            size_at_most=min(map(len, blamed), default=None),
+            smallest_proved=proved,
         )
 
     def _justifying(

@@ -74,6 +74,9 @@ def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:
         ],
         "complete": result.complete,
         "stopped_by": result.stopped_by,
+        "smallest_proved": result.smallest_proved,
+        "size_at_least": result.size_at_least,
+        "size_at_most": result.size_at_most,
         "conflicts": [
             {
                 "components": list(conflict.components),

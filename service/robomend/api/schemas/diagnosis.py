@@ -46,6 +46,15 @@ class ResultOut(Out):
     diagnoses: list[DiagnosisOut]
     complete: bool
     stopped_by: Literal["limit", "size", "time"] | None
+    smallest_proved: bool = Field(
+        default=True, description="false: time or size ended the search; there may be smaller diagnoses"
+    )
+    size_at_least: int | None = Field(
+        default=None, description="no diagnosis has fewer components; null: not known"
+    )
+    size_at_most: int | None = Field(
+        default=None, description="the smallest diagnosis has no more components; null: not known"
+    )
     conflicts: list[ConflictOut]
     conflicts_complete: bool = Field(
         default=True, description="false: no time, or no room, for all that the diagnoses rest on"

@@ -65,9 +65,12 @@ class ByStructure:
         self._clock.check()
         top_level = self._top_level(observed)
         if options.limit == 1 and not options.factored:
-            with closing(top_level.minimum(observed, True, options.max_size)) as tops:
-                for top in tops:
-                    answer.add(self._bad(top))
+            try:
+                with closing(top_level.minimum(observed, True, options.max_size)) as tops:
+                    for top in tops:
+                        answer.add(self._bad(top))
+            finally:
+                self._bounds(top_level, answer)
             return
         total = 0
         first = 1 if options.limit == 1 else 64
@@ -94,13 +97,24 @@ class ByStructure:
         Args:
             late: takes those of the last batch, as they are, when the time is up.
         """
-        with closing(top_level.minimum(observed, False, at_most)) as tops:
-            for batch, whole in _batches(tops, first):
-                if whole:
-                    yield batch, self._alternatives(top_level, observed, batch)
-                elif late is not None:
-                    for top in batch:
-                        late.add(self._bad(top))
+        try:
+            with closing(top_level.minimum(observed, False, at_most)) as tops:
+                for batch, whole in _batches(tops, first):
+                    if whole:
+                        yield batch, self._alternatives(top_level, observed, batch)
+                    elif late is not None:
+                        for top in batch:
+                            late.add(self._bad(top))
+        finally:
+            if late is not None:
+                self._bounds(top_level, late)
+
+    def _bounds(self, top_level: TopLevel, answer: SearchState) -> None:
+        """Note what the search knows of the smallest diagnosis, if it has not found it."""
+        answer.at_least = max(answer.at_least, top_level.at_least)
+        best = top_level.best
+        if best is not None and (answer.best is None or len(best) < len(answer.best)):
+            answer.best = self._bad(best)
 
     def _alternatives(
         self, top_level: TopLevel, observed: SignedObs, tops: Sequence[Top]

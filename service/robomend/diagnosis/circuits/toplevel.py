@@ -74,6 +74,8 @@ class TopLevel:
         self.netlist = netlist
         self.cones = find_cones(netlist, observed)
         self.uses = 0
+        self.at_least = 0  # after a search: no diagnosis has fewer members
+        self.best: Top | None = None  # one that it came upon, which may not be the minimum
         self._cnf = cnf
         self._clock = clock
         self._solver = solver
@@ -107,6 +109,7 @@ class TopLevel:
             OutOfTime: what was yielded before stays true.
         """
         self.uses += 1
+        self.at_least, self.best = 0, None
         at_least = 0
         incumbent = None
         wrong: list[int] = []
@@ -128,19 +131,24 @@ class TopLevel:
                 return
             if at_most == 1:
                 raise MinimumTooLarge
-            at_least = 2
+            at_least = self.at_least = 2
             if first_only:
                 incumbent = find_incumbent(flips, inputs, expected, wrong, self._clock.check)
                 if incumbent is not None and len(incumbent) == at_least:
                     yield tuple([top[position] for position in incumbent])
                     return
+                if incumbent is not None:
+                    self.best = tuple([top[position] for position in incumbent])
+                else:
+                    self.best = self._mended(inputs, expected, wrong)
             else:
                 self._clock.check()
                 pairs = flips.pairs(inputs, expected, self._supports(observed, flat=False), self._clock.check)
                 if pairs:
                     yield from ((top[one], top[other]) for one, other in pairs)
                     return
-                at_least = 3
+                at_least = self.at_least = 3
+                self.best = self._mended(inputs, expected, wrong)
         guided = self._search()
         assumptions = list(filter(None, map(self._number.get, observed.numbers)))
         known = None
@@ -149,8 +157,22 @@ class TopLevel:
         narrow = compress(self._narrow, [lanes & 1 for lanes in wrong])
         cores = sorted(filter(None, narrow), key=len)
         in_order = tuple(self._candidate)
-        for found in guided.minimum(assumptions, at_least, at_most, incumbent=known, cores=cores):
-            yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
+        try:
+            for found in guided.minimum(assumptions, at_least, at_most, incumbent=known, cores=cores):
+                yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
+        finally:
+            self.at_least = guided.paid
+            if guided.best is not None and (self.best is None or len(guided.best) < len(self.best)):
+                self.best = tuple(sorted([in_order[candidate - 1] for candidate in guided.best]))
+
+    def _mended(self, inputs: Sequence[bool], expected: Sequence[bool], wrong: Sequence[int]) -> Top | None:
+        """Return the gates that drive wrong outputs, if with these turned over all is right."""
+        position = {gate: place for place, gate in enumerate(self.cones.top)}
+        driving = [self._driver[net] for net, lanes in zip(self._checks, wrong, strict=True) if lanes & 1]
+        gates = [position[gate] for gate in driving]
+        return (
+            tuple(driving) if self._passes(flat=False).needed(inputs, expected, gates) is not None else None
+        )
 
     def small_subset_minimal(self, observed: SignedObs, size: int, smaller: set[int]) -> Iterator[Top]:
         """Yield the subset-minimal diagnoses of 1 or 2 gates, of all gates; `smaller`: those of size 1."""
