@@ -269,9 +269,9 @@ class Justification:
             while untried.sat([]):
                 healthy = set(suspects).difference([-one for one in untried.model() or () if one < 0])
                 if oracle.sat([*tail, *healthy]):
-                    true = set(oracle.model() or ())
-                    for one in suspects:  # what is healthy by chance, and then what else can be
-                        if one not in healthy and (one in true or oracle.sat([*tail, *healthy, one])):
+                    healthy.update(set(oracle.model() or ()).intersection(suspects))  # by chance
+                    for one in suspects:
+                        if one not in healthy and oracle.sat([*tail, *healthy, one]):
                             healthy.add(one)
                     untried.add([one for one in suspects if one not in healthy])
                     continue
