@@ -297,7 +297,7 @@ class Justification:
                 masks = masks[: self._most]
                 self.complete = self.whole or not self._lacking(self._masks[:JUSTIFIED], masks)
             elif len(masks) <= FEW:
-                self.whole = len(self._truly_minimal(masks)) == len(masks)
+                self.whole = len(masks) < 2 or len(self._truly_minimal(masks)) == len(masks)
             else:
                 masks = self._chosen(masks)
             wanted = frozenset(masks)
