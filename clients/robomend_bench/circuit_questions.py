@@ -94,5 +94,5 @@ def _minimum_cardinality(engine: Engine, seen: Observed, largest: int) -> int:
     asked = Options(
         minimal="cardinality", limit=1, max_size=largest, timeout_s=KNOWN_WITHIN_S, conflicts=False
     )
-    diagnoses = engine.diagnose(seen, asked).diagnoses
-    return len(diagnoses[0].bad) if diagnoses else -1
+    result = engine.diagnose(seen, asked)
+    return len(result.diagnoses[0].bad) if result.diagnoses and result.smallest_proved else -1

@@ -17,17 +17,21 @@ from typing import Any
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.ranking import log_odds
 from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.diagnosis.sat import SatEngine
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_bench.baselines import BASELINES
-from robomend_bench.suite import ONE, Answer, Ask, Group, Question, Wish
+from robomend_bench.suite import EXPLAINED, ONE, Answer, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 
 MODES = {
-    "first": "first minimum-cardinality diagnosis, from literals to answer",
-    "once": "the same from a model: each question is asked of a new engine, whose set-up counts",
+    "first": "first minimum-cardinality diagnosis, without conflicts, from literals to answer",
+    "why": "the same with the conflicts that it rests on, as they are told by default",
+    "few": "as why, of an engine that was not prepared: structures are built when they pay",
+    "once": "as first, from a model: each question is asked of a new engine, whose set-up counts",
     "cold": "the same from a model's text",
-    "structure": "as once, but asked twice: a circuit's structure is found and compiled at the second time",
+    "cold-why": "as cold, with conflicts",
+    "structure": "as once, but a circuit's structure is found and compiled beforehand, which counts, too",
     "all": "all minimum-cardinality diagnoses, each as a row",
     "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
     "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
@@ -49,6 +53,9 @@ AGED_BY = 1000
 """Diagnoses that the engine has behind it before it is asked to check."""
 
 
+PREPARED = ("first", "why")
+"""Modes of engines that know of many questions to come: what is built for these is not counted."""
+
 PROBABLE = 10
 """Diagnoses in mode "probable"."""
 
@@ -62,7 +69,7 @@ def options_for(mode: str, wish: Wish) -> Options:
         max_size=wish.max_size if mode == "subset" else None,
         limit=1 if mode in ONE else None,
         timeout_s=wish.timeout_s,
-        conflicts=mode == "explained",
+        conflicts=mode in EXPLAINED,
         factored=mode == "factored",
     )
 
@@ -82,6 +89,8 @@ def prepare(contender: str, cnf: HealthCnf, group: Group, wish: Wish) -> Ask:
         return lambda question: _count(baseline, question, wish)
     engine = _engine(contender, cnf)
     options = options_for(wish.mode, wish)
+    if wish.mode in PREPARED and isinstance(engine, SatEngine) and group.questions:
+        engine.prepare(group.questions[0].payload)
 
     def ask(question: Question) -> Answer:
         return _counted(engine.diagnose(question.payload, options), wish.mode, cnf)
@@ -105,8 +114,8 @@ def prepare_cold(contender: str, made: Callable[[], HealthCnf], wish: Wish) -> A
             return _count(BASELINES[contender](cnf), question, wish)
         engine = _engine(contender, cnf)
         try:
-            if wish.mode == "structure":
-                engine.diagnose(question.payload, options)
+            if wish.mode == "structure" and isinstance(engine, SatEngine):
+                engine.prepare(question.payload)
             return _counted(engine.diagnose(question.payload, options), wish.mode, cnf)
         finally:
             engine.close()
@@ -123,7 +132,9 @@ def _counted(result: DiagnosisResult, mode: str, cnf: HealthCnf) -> Answer:
     sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
     least = min(sizes, default=None)
     if mode in ONE:
-        return Answer((least,), complete=bool(sizes), shown=least)
+        bounds = f"{result.size_at_least} to {result.size_at_most}"
+        note = "" if result.smallest_proved else f"minimum cardinality {bounds} when time ended"
+        return Answer((least,), complete=bool(sizes) and result.smallest_proved, shown=least, note=note)
     if mode == "probable":
         # Searched is by priors. Which of equally probable ones are listed is free, and how well they fit what
         # was seen to work, which sorts those that were found, differs: so that their priors are compared.

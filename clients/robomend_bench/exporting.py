@@ -85,7 +85,7 @@ class DiagnosisProblem:
             result = self._asked(options)
         except ContradictoryModel:
             return {"solvable": False}
-        if not result.diagnoses:
+        if not result.diagnoses or not result.smallest_proved:
             return None
         bad = [self.cnf.health[component] for component in result.diagnoses[0].bad]
         return {"minimum_cardinality": len(bad), "diagnosis": bad}

@@ -37,9 +37,11 @@ DATA = Path(__file__).resolve().parent / "data"
 """The circuits and instances that come with the package."""
 
 
-ONE = ("first", "once", "cold", "structure")
-"""Modes that ask for one minimum-cardinality diagnosis: from a warm engine, from a model, from its text, and
-twice from a model."""
+ONE = ("first", "why", "few", "once", "cold", "cold-why", "structure")
+"""Modes that ask for one minimum-cardinality diagnosis; see robomend_bench.contenders."""
+
+EXPLAINED = ("why", "few", "cold-why", "explained")
+"""Modes in which conflicts are told, as they are by default; in the others they are left out."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,10 +156,18 @@ def _counted(run: Run) -> str:
 
 FEW = 10
 WARM = "Building the model is not included."
+PREPARED = "Building the model, and what is found of it beforehand, is not included"
 BUILDING = {
-    "once": "Each question was asked of a new engine, whose set-up is included.",
-    "cold": "Reading the text and all that is built from it is included, for each question anew.",
-    "structure": "Each question was asked of a new engine, twice: its set-up and both answers are included.",
+    "first": f"{PREPARED}; conflicts are left out.",
+    "why": f"{PREPARED}; conflicts are told.",
+    "few": "Building the model is not included, whatever is found of it later is; conflicts are told.",
+    "once": "Each question was asked of a new engine, whose set-up is included; conflicts are left out.",
+    "cold": "Reading the text and all that is built from it is included, for each question anew; conflicts "
+    "are left out.",
+    "cold-why": "Reading the text and all that is built from it is included, for each question anew; "
+    "conflicts are told.",
+    "structure": "Each question was asked of a new engine, whose set-up is included, with all that is found "
+    "beforehand; conflicts are left out.",
 }
 CLOCKS = {"wall": "Times are wall-clock times", "cpu": "Times are CPU times of the process"}
 

@@ -125,6 +125,9 @@ def test_what_if_is_asked_without_a_robot(service: Service) -> None:
     assert len(what_if["diagnoses"]) == len(every["diagnoses"]) - 1
     inline = service.api("POST", "/diagnoses", json={"source": TEDUSAR, "observations": ["not ok(map)"]})
     assert inline.json()["diagnoses"] == every["diagnoses"]
+    for conflicts, told in (("all", True), (False, False)):
+        answer = service.api("POST", "/diagnoses", json={**ask, "options": {"conflicts": conflicts}}).json()
+        assert answer["conflicts_all"] == bool(answer["conflicts"]) == told
     for wrong, status in (
         ({"model": "none"}, 404),
         ({}, 422),
@@ -132,6 +135,7 @@ def test_what_if_is_asked_without_a_robot(service: Service) -> None:
         ({"model": "tedusar", "healthy": ["nobody"]}, 422),
         ({"model": "tedusar", "observations": ["ok(scan)", "not ok(scan)"]}, 422),
         ({"model": "tedusar", "options": {"engine": "none"}}, 422),
+        ({"model": "tedusar", "options": {"conflicts": "most"}}, 422),
     ):
         assert service.api("POST", "/diagnoses", json=wrong).status_code == status
 

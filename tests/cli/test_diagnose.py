@@ -156,6 +156,21 @@ def test_a_list_that_is_cut_short_says_how_to_count_the_rest(tmp_path: Path, cap
     assert not captured.err
 
 
+def test_all_minimal_conflicts_are_told_where_they_are_asked_for(tmp_path: Path, capsys: Capture) -> None:
+    circuit = tmp_path / "two.bench"
+    circuit.write_text("INPUT(a)\nOUTPUT(y)\nn = NOT(a)\nm = NOT(a)\ny = AND(n, m)\n")
+    for more, whole in (["--no-conflicts"], 0), ([], 1), (["--all-conflicts"], 2):
+        asked = ["diagnose", str(circuit), "-o", "v(a) and v(y)", "--limit", "1", "--format", "json", *more]
+        assert run(asked) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["conflicts_all"] == (whole == 2)
+        assert len(told["conflicts"]) == whole
+    sets = ["--observations", str(tmp_path / "sets"), "--together", "--all-conflicts"]
+    (tmp_path / "sets").write_text('["not v(a)"]\n')
+    assert run(["diagnose", str(circuit), *sets]) == 2
+    assert "all minimal conflicts" in capsys.readouterr().err
+
+
 def test_without_a_limit_the_list_is_bounded_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(base, "MAX_DIAGNOSES", 4)
     system = load_text(CHAIN)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import random
+from itertools import combinations
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pysat.solvers import Solver
-from tests.diagnosis.netlists import circuit
+from tests.diagnosis.netlists import circuit, observed_circuits
+from tests.diagnosis.systems import systems
 
-from robomend.diagnosis import shrinking
+from robomend.diagnosis import justification
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.observed import ObservationReader
 from robomend.diagnosis.result import Conflict, Options
-from robomend.errors import ContradictoryModel
+from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_bench.generator import make_robot, observe
 from robomend_client.literals import Literal, fails, holds
@@ -93,21 +97,96 @@ def test_equal_literals_are_read_alike_whatever_object_they_are() -> None:
         reader.read((*seen, -seen[0]))
 
 
-def test_conflicts_of_circuits_are_minimal_or_said_not_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = circuit("c880").observe(3, 5)
+def test_conflicts_of_circuits_are_minimal_or_said_not_to_be() -> None:
     cnf = circuit("c880").cnf
-    for calls, minimal in ((1_000, True), (0, False)):
-        monkeypatch.setattr(shrinking, "CALLS", calls)
-        result = make_engine("sat", cnf).diagnose(seen, Options("cardinality", limit=1))
+    engine = make_engine("sat", cnf)
+    said = []
+    for seed in range(5, 9):
+        seen = circuit("c880").observe(3, seed)
+        if seed == 6:  # from here on by simulation, before by the solver's cores
+            engine.diagnose(seen, Options("cardinality", limit=2))
+        result = engine.diagnose(seen, Options("cardinality", limit=1))
         assert result.conflicts
         for conflict in result.conflicts:
-            assert conflict.minimal == minimal
             assert not consistent(cnf, conflict.components, conflict.observations)
             needed = [
                 consistent(cnf, tuple(c for c in conflict.components if c != name), tuple(seen))
                 for name in conflict.components
             ]
-            assert all(needed) or not minimal
+            assert all(needed) or not conflict.minimal
+            said.append(conflict.minimal)
+    assert sum(said) > len(said) / 2
+    engine.close()
+
+
+@pytest.mark.parametrize("minimal", ["cardinality", "subset"])
+def test_each_gate_that_is_blamed_is_needed_by_a_conflict_or_it_is_said_that_some_are_missing(
+    minimal: str,
+) -> None:
+    engine = make_engine("sat", circuit("c880").cnf)
+    options = Options(minimal=minimal, max_size=2, limit=20)  # type: ignore[arg-type]  # a parameter is a str
+    whole = 0
+    for seed in range(12):
+        result = engine.diagnose(circuit("c880").observe(2, seed), options)
+        alone = [
+            any(set(c.components) & set(diagnosis.bad) == {name} for c in result.conflicts)
+            for diagnosis in result.diagnoses
+            for name in diagnosis.bad
+        ]
+        assert all(alone) == result.conflicts_complete
+        whole += result.conflicts_complete
+    assert whole >= 10
+    engine.close()
+
+
+def minimal_conflicts(cnf: HealthCnf, seen: tuple[Literal, ...]) -> set[frozenset[str]]:
+    """Return all of them by definition: each set of components, the smallest first."""
+    found: set[frozenset[str]] = set()
+    for size in range(len(cnf.components) + 1):
+        for some in map(frozenset, combinations(cnf.components, size)):
+            if not any(smaller <= some for smaller in found) and not consistent(cnf, tuple(some), seen):
+                found.add(some)
+    return found
+
+
+@given(systems() | observed_circuits().map(lambda drawn: (drawn[0].cnf, drawn[1])), st.booleans())
+def test_all_minimal_conflicts_are_told_where_they_are_asked_for(
+    asked: tuple[HealthCnf, frozenset[Literal]], few: bool
+) -> None:
+    cnf, observations = asked
+    seen = tuple(observations)
+    with pytest.MonkeyPatch.context() as patch:
+        if few:
+            patch.setattr(justification, "MAX_OF_ALL", 1)
+        engine = make_engine("sat", cnf)
+        try:
+            result = engine.diagnose(seen, Options(conflicts="all", limit=None, timeout_s=None))
+        except ContradictoryModel:
+            return
+    everything = minimal_conflicts(cnf, seen)
+    told = {frozenset(one.components) for one in result.conflicts}
+    assert result.conflicts_all == (told == everything)
+    assert told <= everything
+    assert few or result.conflicts_all
+    some = engine.diagnose(seen, Options(limit=None, timeout_s=None))
+    if some.conflicts_all:
+        assert {frozenset(one.components) for one in some.conflicts} == everything
+    assert {d.bad for d in some.diagnoses} == {d.bad for d in result.diagnoses}
+    engine.close()
+
+
+def test_all_conflicts_of_a_large_circuit_are_as_many_as_there_is_time_and_room_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(justification, "MAX_OF_ALL", 3)
+    seen = circuit("c880").observe(3, 5)
+    engine = make_engine("sat", circuit("c880").cnf)
+    result = engine.diagnose(seen, Options("cardinality", limit=1, conflicts="all", timeout_s=None))
+    assert len({one.components for one in result.conflicts}) == 3
+    assert not result.conflicts_all
+    with pytest.raises(OptionRefused):
+        engine.diagnose(seen, Options(conflicts="most"))  # type: ignore[arg-type]  # that is the point
+    engine.close()
 
 
 def test_when_there_is_no_time_for_conflicts_they_are_said_to_be_missing() -> None:

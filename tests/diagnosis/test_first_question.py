@@ -1,4 +1,4 @@
-"""A circuit's first question, if it asks for one diagnosis, is answered before its structure is found."""
+"""Questions for one diagnosis of a circuit are answered without its structure until it pays."""
 
 from __future__ import annotations
 
@@ -33,14 +33,38 @@ def with_structure(engine: SatEngine) -> bool:
     return "_by_structure" in vars(engine)
 
 
-def test_the_structure_is_found_at_the_second_question(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)  # however long the first one takes here
+def test_the_structure_is_found_when_questions_without_it_took_a_multiple_of_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sat, "AT_ONCE", 1e6)  # however long a question takes here
+    clock = [0.0]
+    monkeypatch.setattr(sat, "thread_time", lambda: clock[0])
     engine = SatEngine(CNF)
-    sizes = [least(engine, 0)]
-    assert not with_structure(engine)
-    sizes += [least(engine, 0)]
-    assert with_structure(engine)
-    assert sizes[0] == sizes[1]
+    go_on = engine._by_solver.go_on
+    structure_s = sat.STRUCTURE_S + len(CNF.components) * sat.STRUCTURE_GATE_S
+
+    def slow(*asked: Any) -> None:
+        clock[0] += structure_s
+        go_on(*asked)
+
+    monkeypatch.setattr(engine._by_solver, "go_on", slow)
+    sizes = []
+    while not with_structure(engine):
+        sizes.append(least(engine, 0))
+    assert sat.PAYS_AFTER * structure_s < clock[0] <= (sat.PAYS_AFTER + 1) * structure_s
+    assert len(set(sizes)) == 1
+    assert 0.3 * clock[0] > structure_s  # so that all of it took at most 1.3 times what it took without
+
+
+def test_the_structure_can_be_had_beforehand() -> None:
+    prepared, other = SatEngine(CNF), SatEngine(CNF)
+    prepared.prepare(SEEN[0])
+    assert with_structure(prepared)
+    assert [least(prepared, number) for number in range(6)] == [least(other, number) for number in range(6)]
+    robot = load_text("robomend: 1\nname: r\nnodes: {a: {publishes: {x: []}}}\n").cnf
+    engine = SatEngine(robot)
+    engine.prepare([fails("ok", "x")])
+    assert [one.bad for one in engine.diagnose([fails("ok", "x")]).diagnoses] == [("a",)]
 
 
 def test_all_diagnoses_are_searched_by_structure_at_once() -> None:
@@ -66,22 +90,21 @@ def test_the_structure_is_not_looked_for_where_that_would_take_most_of_the_time(
                     assert {d.bad for d in hurried.diagnoses} == {d.bad for d in patient.diagnoses}
             assert not with_structure(engine)
         assert engine.diagnose(SEEN[0], replace(options, timeout_s=None)).complete == patient.complete
-        assert with_structure(engine)
+        assert with_structure(engine) == (options.limit != 1)  # for one diagnosis it does not pay yet
 
 
 def test_a_first_question_that_takes_longer_goes_on_with_the_structure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sat, "AT_ONCE_S", -1.0)
+    monkeypatch.setattr(sat, "AT_ONCE", -1.0)
     late = [SatEngine(CNF) for _ in SEEN]
     sizes = [least(engine, number) for number, engine in enumerate(late)]
     assert all(map(with_structure, late))
-    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
+    monkeypatch.setattr(sat, "AT_ONCE", 1e6)
     for number, size in enumerate(sizes):
         at_once = SatEngine(CNF)
-        assert least(at_once, number) == size  # by a solver of its own
-        assert not with_structure(at_once)
         assert least(at_once, number) == size
+        assert not with_structure(at_once)
         assert least(late[number], number) == size  # the passes are there now
 
 
@@ -89,14 +112,15 @@ HELD = {"healthy": frozenset(CNF.components[:40]), "abnormal": frozenset(CNF.com
 
 
 @pytest.mark.parametrize("hold", [HELD, {"max_size": 1}, {"max_size": 9}])
-def test_a_solver_of_a_question_s_own_answers_as_one_that_is_kept(
+def test_the_whole_circuit_is_asked_as_its_structure_is(
     hold: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
     for seen in SEEN:
         asked = replace(FIRST, **hold)
-        engine = SatEngine(CNF)
-        first, second = engine.diagnose(seen, asked), engine.diagnose(seen, asked)
+        monkeypatch.setattr(sat, "AT_ONCE", 1e6)
+        first = SatEngine(CNF).diagnose(seen, asked)
+        monkeypatch.setattr(sat, "AT_ONCE", -1.0)
+        second = SatEngine(CNF).diagnose(seen, asked)
         assert [len(d.bad) for d in first.diagnoses] == [len(d.bad) for d in second.diagnoses]
         assert (first.complete, first.stopped_by) == (second.complete, second.stopped_by)
         assert not any(set(d.bad) & set(asked.healthy) for d in first.diagnoses)
@@ -104,7 +128,7 @@ def test_a_solver_of_a_question_s_own_answers_as_one_that_is_kept(
 
 
 def test_the_time_out_of_the_first_question_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
+    monkeypatch.setattr(sat, "AT_ONCE", 1e6)
     result = SatEngine(CNF).diagnose(SEEN[0], Options(minimal="cardinality", limit=1, timeout_s=0.0))
     assert (result.diagnoses, result.stopped_by) == ((), "time")
 

@@ -26,7 +26,15 @@ ENGINES = {"sat", "asp", "maxsat", "hs_dag", "cda_star", "snapshots"}
 NO_SEARCH = {
     "asked and answered": {"result", "search", "base", "engines", "observed", "products", "wcnf"},
     "a solver and what it is asked": {"oracle", "consistency", "masks"},
-    "conflicts": {"conflicts", "sensor_conflicts", "shrinking", "witnesses", "justification", "reasons"},
+    "conflicts": {
+        "conflicts",
+        "sensor_conflicts",
+        "shrinking",
+        "witnesses",
+        "justification",
+        "reasons",
+        "traces",
+    },
     "words, weights and what to look at next": {"explanations", "likelihood", "onsets", "probes"},
     "circuits and snapshots": {"netlist", "snapshot_parts"},
 }

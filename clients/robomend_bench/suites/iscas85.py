@@ -23,6 +23,9 @@ SIZES = (1, 20)
 other, so that most observations of random faults need one or two gates only."""
 
 
+COLD = ("cold", "cold-why")
+
+
 class Circuits:
     """Circuits in .bench form, from a folder of `--data` that has the suite's name, or otherwise (`text`)."""
 
@@ -65,7 +68,7 @@ class Circuits:
             sizes = wish.sizes or (self._sizes if wish.mode in ONE else None)
             wanted = None if sizes == "any" else sizes
             questions = questions_about(text, cnf, f"{wish.seed} {name}", wanted, wish)
-            yield Group(name, len(cnf.components), text if wish.mode == "cold" else cnf, questions)
+            yield Group(name, len(cnf.components), text if wish.mode in COLD else cnf, questions)
 
     def text(self, name: str, wish: Wish) -> str:
         """Return a circuit in .bench form.
@@ -81,7 +84,7 @@ class Circuits:
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one circuit."""
-        if wish.mode == "cold":
+        if wish.mode in COLD:
             return contenders.prepare_cold(contender, lambda: _compiled(group.model, group.name), wish)
         if wish.mode in ("once", "structure"):
             return contenders.prepare_cold(contender, lambda: _uncached(group.model), wish)

@@ -13,12 +13,12 @@ from typing import Any
 
 from starlette.responses import Response
 
-from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
+from robomend.api.schemas.diagnosis import AskOptionsBody, ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
 from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut, ReadingOut, SourceWord
 from robomend.api.schemas.repair import BoardOut, ChannelOut
-from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
+from robomend.api.schemas.robots import AgentOut, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
@@ -382,7 +382,7 @@ def _line(kind: str, time_ns: int, data: dict[str, Any]) -> dict[str, Any]:
 
 
 def engine_options(
-    body: DiagnosisOptionsBody, settings: Settings, *, healthy: Sequence[str], abnormal: Sequence[str]
+    body: AskOptionsBody, settings: Settings, *, healthy: Sequence[str], abnormal: Sequence[str]
 ) -> Options:
     """Return how far the engine is to search, within the service's own limit of time."""
     timeout_s = body.timeout_s or settings.solver_timeout_s
@@ -391,6 +391,7 @@ def engine_options(
         max_size=body.max_size,
         limit=body.limit,
         timeout_s=min(timeout_s, settings.max_solver_timeout_s),
+        conflicts=body.conflicts,
         healthy=frozenset(healthy),
         abnormal=frozenset(abnormal),
     )

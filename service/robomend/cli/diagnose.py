@@ -57,6 +57,11 @@ PROBES_S = 0.5
 @click.option(
     "--conflicts/--no-conflicts", default=True, show_default=True, help="Say what clashes with what."
 )
+@click.option(
+    "--all-conflicts",
+    is_flag=True,
+    help="Every minimal conflict, not only enough to show why each is blamed.",
+)
 @components_option("--assume-healthy", "What if it is healthy?")
 @components_option("--assume-abnormal", "What if it is abnormal?")
 @components_option("--expect-stopped", "This is meant to be off.")
@@ -190,7 +195,7 @@ def _options(given: dict[str, Any]) -> Options:
     return search_options(
         given,
         order=given["order"],
-        conflicts=given["conflicts"],
+        conflicts="all" if given["all_conflicts"] else given["conflicts"],
         factored=given["factored"],
         healthy=frozenset(given["assume_healthy"]),
         abnormal=frozenset(given["assume_abnormal"]),

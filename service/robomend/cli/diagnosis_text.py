@@ -183,6 +183,9 @@ def _ending(result: DiagnosisResult) -> str:
     if stopped == "limit" and result.factored and result.count is not None:
         return f"complete, as products; {result.elapsed_s * 1000:.1f} ms"
     ending = f"incomplete: stopped by {stopped} (see {BOUNDS[stopped]})" if stopped else "complete"
+    if not result.smallest_proved and result.size_at_least:
+        most = f", at most {result.size_at_most}" if result.size_at_most is not None else ""
+        ending += f"; the smallest diagnosis has at least {counted(result.size_at_least, 'component')}{most}"
     return f"{ending}; {result.elapsed_s * 1000:.1f} ms"
 
 

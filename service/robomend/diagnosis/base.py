@@ -18,7 +18,7 @@ from robomend.diagnosis.conflicts import Conflicts
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.explanations import Cleared
-from robomend.diagnosis.justification import Justification
+from robomend.diagnosis.justification import Justification, Walk
 from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import (
     NOTHING_SUPPOSED,
@@ -169,19 +169,28 @@ class BaseEngine(ABC):
     ) -> DiagnosisResult:
         names = self.cnf.components
         found, modes = answer.found, answer.modes
+        at_least, at_most, proved = self._bounds(options, answer, stopped)
         if len(found) > 1 and not answer.rows and options.order == "size":
             found.sort(key=by_size)
         if self.cnf.modes:
             self._name_modes(answer, [*observed.numbers, *what_if.numbers])
         blamed = [tuple([names[variable - 1] for variable in bad]) for bad in found]
         conflicts: tuple[Conflict, ...] = ()
-        whole = True
+        whole, every = True, found == [()]
         hit: list[int] = []
         if options.conflicts and found != [()]:
             masks = [mask_of(bad) for bad in found]
-            told = Justification(self._conflicts, self._consistency, observed, what_if, masks)
+            told = Justification(
+                self._conflicts,
+                self._consistency,
+                observed,
+                what_if,
+                masks,
+                everything=options.conflicts == "all",
+                walk=lambda abnormal: self._walk(observed, what_if, abnormal),
+            )
             known = told.of(answer)
-            whole = told.complete
+            whole, every = told.complete, told.whole
             conflicts = tuple([self._conflicts.in_words(one) for one in known])
             hit = [one.mask for one in known]
         if hit:
@@ -213,8 +222,40 @@ class BaseEngine(ABC):
             factored=tuple([factors(row, names) for row in rows]) if rows else (),
             count=answer.count if answer.count is not None else len(blamed) if stopped is None else None,
             conflicts_complete=whole,
+            conflicts_all=every,
+            size_at_least=at_least,
+            size_at_most=at_most,
+            smallest_proved=proved,
             cleared=Cleared(blamed, conflicts) if conflicts else {},
         )
+
+    def _walk(self, observed: SignedObs, what_if: Supposed, abnormal: Sequence[Iterable[int]]) -> Walk | None:
+        """Simulate with these components abnormal, a lane each; None where that is not to be had at once."""
+        return None
+
+    def _bounds(
+        self, options: Options, answer: SearchState, stopped: StoppedBy | None
+    ) -> tuple[int | None, int | None, bool]:
+        """Return bounds of the size of the smallest diagnosis, and whether it is found or there is none.
+
+        Where time ended a search for minimum cardinality the smallest that it has is added to those found.
+        """
+        if answer.found:
+            if options.order == "size":
+                size = min(map(len, answer.found))
+                return size, size, True
+            return None, min(map(len, answer.found)), stopped is None
+        if stopped is None:
+            return None, None, True
+        if stopped == "size":
+            return (0 if options.max_size is None else options.max_size) + 1, None, False
+        best = answer.best
+        at_most = None if best is None else len(best)
+        within = best is not None and (options.max_size is None or len(best) <= options.max_size)
+        if best is not None and within and options.minimal == "cardinality" and not options.factored:
+            answer.found.append(best)
+            answer.modes.setdefault(best, {})
+        return answer.at_least, at_most, at_most == answer.at_least
 
     def _name_modes(self, answer: SearchState, assumptions: Sequence[int]) -> None:
         """Tell the first fault modes that fit, whatever the search, as far as there is time.

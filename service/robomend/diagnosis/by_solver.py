@@ -44,17 +44,6 @@ class BySolver:
         cnf = self._cnf
         return Layered(cnf.clauses, len(cnf.components), cnf.variables, self._clock, self._asked_solver)
 
-    def once(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
-        """Answer one question from the beginning, by a solver that answers no other.
-
-        What is given is clauses there, not assumptions, so that not all that is learnt depends on it.
-        """
-        cnf = self._cnf
-        given = [(number,) for number in (*observed.numbers, *what_if.numbers)]
-        n, solver = len(cnf.components), self._consistency.solver
-        with closing(CoreGuided([*cnf.clauses, *given], n, cnf.variables, self._clock, solver)) as guided:
-            self.go_on(observed, what_if, options, answer, [], 0, guided)
-
     def go_on(
         self,
         observed: SignedObs,
@@ -63,13 +52,8 @@ class BySolver:
         answer: SearchState,
         known: list[Bad],
         size: int,
-        alone: CoreGuided | None = None,
     ) -> None:
-        """Go on from the diagnoses known, all of those below `size` and perhaps some of that size.
-
-        Args:
-            alone: a solver of this question's own, whose clauses have what is given.
-        """
+        """Go on from the diagnoses known, all of those below `size` and perhaps some of that size."""
         assumptions = [*observed.numbers, *what_if.numbers]
         forced = len(what_if.abnormal)
         room = None if options.max_size is None else options.max_size - forced
@@ -78,18 +62,25 @@ class BySolver:
                 raise NoDiagnosis  # nor are there larger ones
             if room < 0:
                 raise MinimumTooLarge
-        guided, given = (self._guided, assumptions) if alone is None else (alone, [])
-        minima = guided.minimum(given, max(0, size - forced), room, what_if.healthy | what_if.abnormal)
+        minima = self._guided.minimum(
+            assumptions, max(0, size - forced), room, what_if.healthy | what_if.abnormal
+        )
         if options.minimal == "cardinality" or not known:
             already = set(known)
             with closing(minima):
-                for found in minima:
-                    bad = tuple(sorted([*found, *what_if.abnormal]))
-                    if bad not in already:
-                        if self._cnf.modes:
-                            answer.modes[bad] = self._consistency.modes_behind(bad, assumptions)
-                        answer.add(bad)
-                        known.append(bad)
+                try:
+                    for found in minima:
+                        bad = tuple(sorted([*found, *what_if.abnormal]))
+                        if bad not in already:
+                            if self._cnf.modes:
+                                answer.modes[bad] = self._consistency.modes_behind(bad, assumptions)
+                            answer.add(bad)
+                            known.append(bad)
+                finally:
+                    answer.cores = self._guided.met
+                    answer.at_least = max(answer.at_least, self._guided.paid + forced)
+                    if (best := self._guided.best) is not None:
+                        answer.best = tuple(sorted([*best, *what_if.abnormal]))
             if not known:
                 raise NoDiagnosis
             if options.minimal == "cardinality":

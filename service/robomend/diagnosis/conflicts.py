@@ -274,6 +274,19 @@ class Conflicts:
         known.words = words
         return words
 
+    @cached_property
+    def _rule_of_gate(self) -> dict[int, int]:
+        """Component -> its one rule, which its conflicts rest on; empty where rules are not like that."""
+        cnf = self._cnf
+        found: dict[int, int] = {}
+        if cnf.circuit and cnf.weak:
+            n = len(cnf.components)
+            for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
+                health = clause[0] if clause and -n <= clause[0] < 0 else 0
+                if not health or found.setdefault(-health, origin) != origin:
+                    return {}
+        return found
+
     def _told(self, known: Known) -> Conflict:
         cnf = self._cnf
         # What is supposed healthy is no suspect, but a premise of the conflict, and is named with them.
@@ -282,7 +295,9 @@ class Conflicts:
         names = tuple([cnf.components[variable - 1] for variable in healthy])
         literals = tuple([cnf.literal_of(number) for number in known.observations if not 0 < number <= n])
         used = known.rules
-        if used is None:
+        if used is None and known.components and self._rule_of_gate:
+            used = tuple(sorted([self._rule_of_gate[component] for component in known.components]))
+        elif used is None:
             used = self._reasons.rules([*known.components, *known.observations])
         rules = tuple([cnf.rules[index].text for index in used])
         return conflict_in_words(cnf, names, literals, rules, known.minimal)

@@ -46,6 +46,8 @@ DROPPED_TOGETHER = 8
 """Searches whose clauses go at once: the solver looks through all that it has, which takes a tenth of an
 answer. Until then their guards are assumed to be off."""
 
+CORES_KEPT = 100
+
 EASY_CONFLICTS = 10
 EASY_PROPAGATIONS = 0.9
 """Of an easy core, the latter for each variable of the model: beyond it, most are decisions."""
@@ -84,6 +86,10 @@ class CoreGuided:
         self._running = 0
         self._pool: list[int] = []  # variables of the trees
         self._lent = 0  # so many of them are in use
+        # The last search's cores with what they rest on, those that speak of nothing but the model.
+        self.met: list[list[int]] = []
+        self.paid = 0  # by the last search: no diagnosis has fewer members
+        self.best: list[int] | None = None  # the smallest that it has come upon, which may not be the minimum
         self._over: list[int] = []  # as they are assumed: guards of searches whose clauses are still there
 
     def minimum(
@@ -117,9 +123,12 @@ class CoreGuided:
             self._fresh_or_warm(), self, [*self._over, *assumptions], (at_least, at_most), fixed
         )
         self._running += 1
+        self.met = search.met
+        search.best = incumbent
         try:
             yield from search.run(incumbent, cores)
         finally:
+            self.paid, self.best = max(at_least, search.paid), search.best
             search.retire()
             self._running -= 1
             if not self._running:
@@ -190,8 +199,10 @@ class _CoreSearch:
         self._supposed = owner.all_supposed.copy()  # in the order in which the solver is told
         for candidate in fixed:
             del self._supposed[candidate]
-        self._paid = 0
+        self.paid = 0
+        self.best: list[int] | None = None
         self._guard = 0
+        self.met: list[list[int]] = []
 
     def run(self, incumbent: list[int] | None, cores: Iterable[Sequence[int]]) -> Iterator[list[int]]:
         """Yield the minimum, then, if it is not the incumbent, the others of its size."""
@@ -207,9 +218,9 @@ class _CoreSearch:
                 core = self._pay(core or self._failed())
                 if not core:
                     return
-                if self._at_most is not None and self._paid > self._at_most:
+                if self._at_most is not None and self.paid > self._at_most:
                     raise MinimumTooLarge
-                if incumbent is not None and self._paid >= len(incumbent):
+                if incumbent is not None and self.paid >= len(incumbent):
                     yield incumbent
                     return
                 if easy:
@@ -219,7 +230,9 @@ class _CoreSearch:
                 continue
             if sat:
                 found = self._abnormal()
-                if not easy or len(found) <= max(self._paid, self._at_least):
+                if self.best is None or len(found) < len(self.best):
+                    self.best = found
+                if not easy or len(found) <= max(self.paid, self._at_least):
                     break  # the model costs no more than must be paid
                 if incumbent is not None and len(found) < len(incumbent):
                     incumbent = found
@@ -241,7 +254,7 @@ class _CoreSearch:
             self._oracle.add([-guard, *found])  # one of them is healthy
             while not self._oracle.sat([*self._assumptions, *self._supposed]):
                 core = self._pay(self._failed())
-                if not core or self._paid > size:
+                if not core or self.paid > size:
                     return
                 self._relax(core)
             found = self._abnormal()
@@ -261,13 +274,17 @@ class _CoreSearch:
 
     def _failed(self) -> list[int]:
         """Return the suppositions of which the last answer says that not all can hold."""
-        return [literal for literal in self._oracle.core() or () if literal in self._supposed]
+        core = self._oracle.core() or []
+        last = self._owner.variables
+        if len(self.met) < CORES_KEPT and core and max(core) <= last and min(core) >= -last:
+            self.met.append(core)
+        return [literal for literal in core if literal in self._supposed]
 
     def _pay(self, core: Sequence[int]) -> Sequence[int]:
         """Take the core out of the suppositions, and pay for one of its members."""
         for literal in core:
             del self._supposed[literal]
-        self._paid += 1
+        self.paid += 1
         return core
 
     def _guarded(self) -> int:

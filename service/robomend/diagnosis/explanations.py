@@ -17,8 +17,9 @@ U. Junker. QuickXplain. AAAI 2004 (an explanation is a minimal set of premises).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import islice
 from typing import TypeVar
 
 from robomend.diagnosis.result import Conflict, Diagnosis
@@ -203,6 +204,11 @@ def _news(
     """Return the observation that reads best as the unmet expectation."""
     if len(observations) == 1:
         return observations[0]
+    if cnf.circuit:
+        gates = frozenset(components)
+        driven = [literal for literal in observations if not gates.isdisjoint(literal.atom.args)]
+        if len(driven) == 1:  # the only net that a gate of the conflict drives
+            return driven[0]
     conclusions = {
         conclusion.strip() for rule in rules for _, arrow, conclusion in [rule.rpartition("->")] if arrow
     }
@@ -249,7 +255,7 @@ def _last_net(
 
 def _healthy(components: Collection[str]) -> str:
     verb = _verb(components, "is", "are")
-    return f"{_listed(map(quote, components))} {verb} taken to be healthy"
+    return f"{_listed_as(quote, components)} {verb} taken to be healthy"
 
 
 def _assumption(literal: Literal) -> str:
@@ -257,11 +263,11 @@ def _assumption(literal: Literal) -> str:
 
 
 def _was_seen(cnf: HealthCnf, literals: Sequence[Literal]) -> str:
-    parts = []
-    for literal in literals:
+    def told(literal: Literal) -> str:
         subject, plural = _subject(cnf, literal.atom)
-        parts.append(f"{subject} {'were' if plural else 'was'} seen {_seen(cnf, literal)}")
-    return _listed(parts)
+        return f"{subject} {'were' if plural else 'was'} seen {_seen(cnf, literal)}"
+
+    return _listed_as(told, literals)
 
 
 def _subject(cnf: HealthCnf, atom: Atom) -> tuple[str, bool]:
@@ -296,6 +302,13 @@ def _seen(cnf: HealthCnf, literal: Literal) -> str:
         return str(int(literal.positive))
     verb = "match" if atom.predicate == "matched" and len(atom.args) == 2 else "hold"
     return f"to {verb}" if literal.positive else f"not to {verb}"
+
+
+def _listed_as(told: Callable[[Thing], str], things: Collection[Thing]) -> str:
+    """Return the same of things, of which only those that are named are put into words."""
+    more = len(things) - NAMED_AT_MOST + 1 if len(things) > NAMED_AT_MOST else 0
+    items = [told(thing) for thing in islice(things, len(things) - more)]
+    return _listed([*items, f"{more} more"] if more else items)
 
 
 def _listed(words: Iterable[str]) -> str:

@@ -162,6 +162,8 @@ def check_options(options: Options) -> None:
         raise OptionRefused(f"minimal is {options.minimal!r}: say 'cardinality' or 'subset'")
     if options.order not in ("size", "probability"):
         raise OptionRefused(f"order is {options.order!r}: say 'size' or 'probability'")
+    if options.conflicts not in (True, False, "all"):
+        raise OptionRefused(f"conflicts is {options.conflicts!r}: say true, false or 'all'")
     if options.max_size is not None and options.max_size < 0:
         raise OptionRefused(f"max_size is {options.max_size}: give 0 or more, or none")
     if options.limit is not None and options.limit < 1:

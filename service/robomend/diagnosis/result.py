@@ -27,7 +27,9 @@ class Options:
     limit: int | None = 100  # None: a million, so that the memory is bounded; see `factored`
     timeout_s: float | None = 5.0
     order: Order = "size"
-    conflicts: bool = True  # minimal conflicts with their rules and observations
+    # Conflicts with their rules and observations: enough to show why each member of each diagnosis is blamed,
+    # or all minimal ones.
+    conflicts: bool | OneOf["all"] = True
     # As products, with the exact count: of circuits those of minimal cardinality only, as top-level
     # diagnoses × replaceable cones; of other models the alternatives of each part that is independent of the
     # others.
@@ -101,6 +103,12 @@ class DiagnosisResult:
     cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
     # False: there was no time, or no room, for all that the diagnoses rest on.
     conflicts_complete: bool = True
+    # Bounds of the size of the smallest diagnosis, None where they are not known. A search for minimum
+    # cardinality that ran out of time gives the smallest that it has: `smallest_proved` is false.
+    size_at_least: int | None = None
+    size_at_most: int | None = None
+    smallest_proved: bool = True
+    conflicts_all: bool = False  # True: these are all minimal conflicts that there are
 
     @property
     def healthy(self) -> bool:

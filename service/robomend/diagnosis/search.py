@@ -57,6 +57,11 @@ class SearchState:
     modes: dict[Bad, Mapping[str, str]] = field(default_factory=dict)
     # Conflicts met on the way; they need not be minimal under all of OBS.
     known: list[Known] = field(default_factory=list)
+    # Where none is found yet: no diagnosis is smaller than this, and one that is known, whether or not it is
+    # minimal.
+    at_least: int = 0
+    best: Bad | None = None
+    cores: list[list[int]] = field(default_factory=list)  # the solver's, over health and what was seen
     # All minimal conflicts, perhaps with others that contain some; None: the search met those of `known`
     # only.
     derived: list[Derivation] | None = None

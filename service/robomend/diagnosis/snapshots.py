@@ -29,7 +29,7 @@ from time import perf_counter, thread_time
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
-from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
+from robomend.diagnosis.justification import JUSTIFIED, MAX_CONFLICTS
 from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
@@ -45,6 +45,9 @@ DEFAULTS = Options()
 
 HEAD_START_S = 0.5
 """Processor time for the search in any order, which mostly finds all diagnoses by then."""
+
+MAX_CIRCUIT_CONFLICTS = 8
+"""Told of several snapshots: each has hundreds of gates, and takes long to be made minimal."""
 
 FEW = 3
 """Snapshots that refute most of the candidates that any does: those that refuted the last ones come first."""
@@ -88,13 +91,15 @@ class SnapshotEngine:
 
         Raises:
             ContradictoryModel: one snapshot contradicts SD, whatever is abnormal.
-            OptionRefused: order "probability" and the factored form are for single observations.
+            OptionRefused: order "probability", the factored form and all conflicts: of single observations.
         """
         started = perf_counter()
         check_options(options)
         if options.order == "probability" or options.factored:
             refused = "order 'probability'" if options.order == "probability" else "the factored form"
             raise OptionRefused(f"{refused} is not available for several snapshots")
+        if options.conflicts == "all":
+            raise OptionRefused("all minimal conflicts can be listed of single observations only")
         what_if = supposed(self.cnf, options)
         distinct: dict[frozenset[int], SignedObs] = {}
         for observed in map(self._reader.read, snapshots):
@@ -114,6 +119,8 @@ class SnapshotEngine:
         told = self._justifying(masks, met) if options.conflicts else []
         smaller = {one.mask: one for one in [self._resting_on_less(*pair, what_if) for pair in told]}
         conflicts = tuple(map(self._in_words, smaller.values()))
+        by_size = options.minimal == "cardinality" or options.max_size is not None
+        proved = stopped in (None, "limit") or (bool(blamed) and (stopped == "size" or by_size))
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -125,6 +132,9 @@ class SnapshotEngine:
             unused=tuple(unused),
             count=len(masks) if stopped is None else None,
             cleared=clear_suspects(blamed, conflicts),
+            size_at_least=min(map(len, blamed)) if blamed and proved else None,
+            size_at_most=min(map(len, blamed), default=None),
+            smallest_proved=proved,
         )
 
     def _justifying(

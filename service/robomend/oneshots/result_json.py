@@ -74,6 +74,9 @@ def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:
         ],
         "complete": result.complete,
         "stopped_by": result.stopped_by,
+        "smallest_proved": result.smallest_proved,
+        "size_at_least": result.size_at_least,
+        "size_at_most": result.size_at_most,
         "conflicts": [
             {
                 "components": list(conflict.components),
@@ -86,6 +89,7 @@ def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:
             for conflict in result.conflicts
         ],
         "conflicts_complete": result.conflicts_complete,
+        "conflicts_all": result.conflicts_all,
         "learned": what_was_learned(result.conflicts),
         "cleared": dict(result.cleared),
         "unused": [str(literal) for literal in result.unused],

@@ -46,9 +46,21 @@ class ResultOut(Out):
     diagnoses: list[DiagnosisOut]
     complete: bool
     stopped_by: Literal["limit", "size", "time"] | None
+    smallest_proved: bool = Field(
+        default=True, description="false: time or size ended the search; there may be smaller diagnoses"
+    )
+    size_at_least: int | None = Field(
+        default=None, description="no diagnosis has fewer components; null: not known"
+    )
+    size_at_most: int | None = Field(
+        default=None, description="the smallest diagnosis has no more components; null: not known"
+    )
     conflicts: list[ConflictOut]
     conflicts_complete: bool = Field(
         default=True, description="false: no time, or no room, for all that the diagnoses rest on"
+    )
+    conflicts_all: bool = Field(
+        default=False, description="true: these are all minimal conflicts that there are"
     )
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
     cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
@@ -94,6 +106,16 @@ class CurrentDiagnosis(Out):
     )
 
 
+class AskOptionsBody(DiagnosisOptionsBody):
+    """How far the engine searches, and what it tells."""
+
+    conflicts: bool | Literal["all"] = Field(
+        default=True,
+        description="true: enough conflicts to show why each component is blamed; false: none; all: all "
+        "minimal ones, as far as there is time and room",
+    )
+
+
 class AskBody(In):
     """A stateless diagnosis: model and observations in, result out."""
 
@@ -106,7 +128,7 @@ class AskBody(In):
         default=[], max_length=10_000, description="what if these were healthy …"
     )
     abnormal: list[Component] = Field(default=[], max_length=10_000, description="… and these abnormal?")
-    options: DiagnosisOptionsBody = Field(default_factory=DiagnosisOptionsBody)
+    options: AskOptionsBody = Field(default_factory=AskOptionsBody)
 
 
 class ProbeOut(Out):

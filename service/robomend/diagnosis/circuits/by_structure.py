@@ -10,7 +10,7 @@ subset-minimal         by_solver.py: size by size on the whole circuit, from the
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from itertools import product
 from math import prod
@@ -18,6 +18,7 @@ from math import prod
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.circuits.netlist import Netlist
 from robomend.diagnosis.circuits.toplevel import Top, TopLevel
+from robomend.diagnosis.circuits.traces import Walk
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs
 from robomend.diagnosis.oracle import OutOfTime
@@ -51,14 +52,25 @@ class ByStructure:
             self._top_levels.move_to_end(sensors)
         return top_level
 
+    def prepare(self, observed: SignedObs) -> None:
+        """Compile all that questions about these sensors need."""
+        self._top_level(observed).prepare()
+
+    def walk(self, observed: SignedObs, abnormal: Sequence[Iterable[int]]) -> Walk:
+        """Simulate with these components abnormal, each set in its own lane, to find conflicts outside."""
+        return self._top_level(observed).traces().walk(observed, abnormal)
+
     def minimum(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         """List the minimum-cardinality diagnoses."""
         self._clock.check()
         top_level = self._top_level(observed)
         if options.limit == 1 and not options.factored:
-            with closing(top_level.minimum(observed, True, options.max_size)) as tops:
-                for top in tops:
-                    answer.add(self._bad(top))
+            try:
+                with closing(top_level.minimum(observed, True, options.max_size)) as tops:
+                    for top in tops:
+                        answer.add(self._bad(top))
+            finally:
+                self._bounds(top_level, answer)
             return
         total = 0
         first = 1 if options.limit == 1 else 64
@@ -85,13 +97,24 @@ class ByStructure:
         Args:
             late: takes those of the last batch, as they are, when the time is up.
         """
-        with closing(top_level.minimum(observed, False, at_most)) as tops:
-            for batch, whole in _batches(tops, first):
-                if whole:
-                    yield batch, self._alternatives(top_level, observed, batch)
-                elif late is not None:
-                    for top in batch:
-                        late.add(self._bad(top))
+        try:
+            with closing(top_level.minimum(observed, False, at_most)) as tops:
+                for batch, whole in _batches(tops, first):
+                    if whole:
+                        yield batch, self._alternatives(top_level, observed, batch)
+                    elif late is not None:
+                        for top in batch:
+                            late.add(self._bad(top))
+        finally:
+            if late is not None:
+                self._bounds(top_level, late)
+
+    def _bounds(self, top_level: TopLevel, answer: SearchState) -> None:
+        """Note what the search knows of the smallest diagnosis, if it has not found it."""
+        answer.at_least = max(answer.at_least, top_level.at_least)
+        best = top_level.best
+        if best is not None and (answer.best is None or len(best) < len(answer.best)):
+            answer.best = self._bad(best)
 
     def _alternatives(
         self, top_level: TopLevel, observed: SignedObs, tops: Sequence[Top]

@@ -29,6 +29,7 @@ from robomend.diagnosis.circuits.cones import by_output, few_behind, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
 from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
+from robomend.diagnosis.circuits.traces import Traces
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import SignedObs
@@ -73,6 +74,8 @@ class TopLevel:
         self.netlist = netlist
         self.cones = find_cones(netlist, observed)
         self.uses = 0
+        self.at_least = 0  # after a search: no diagnosis has fewer members
+        self.best: Top | None = None  # one that it came upon, which may not be the minimum
         self._cnf = cnf
         self._clock = clock
         self._solver = solver
@@ -85,6 +88,7 @@ class TopLevel:
         self._flips: dict[bool, Flips] = {}
         self._values: Values | None = None
         self._functions: dict[str, Callable[..., int]] = {}
+        self._traces: Traces | None = None
         self._guided: CoreGuided | None = None
         self._narrow: list[tuple[int, ...]] = []  # of each check the candidates behind it, where they are few
         self._number: dict[int, int] = {}  # of a signed net, in the top-level CNF
@@ -105,6 +109,7 @@ class TopLevel:
             OutOfTime: what was yielded before stays true.
         """
         self.uses += 1
+        self.at_least, self.best = 0, None
         at_least = 0
         incumbent = None
         wrong: list[int] = []
@@ -126,19 +131,24 @@ class TopLevel:
                 return
             if at_most == 1:
                 raise MinimumTooLarge
-            at_least = 2
+            at_least = self.at_least = 2
             if first_only:
                 incumbent = find_incumbent(flips, inputs, expected, wrong, self._clock.check)
                 if incumbent is not None and len(incumbent) == at_least:
                     yield tuple([top[position] for position in incumbent])
                     return
+                if incumbent is not None:
+                    self.best = tuple([top[position] for position in incumbent])
+                else:
+                    self.best = self._mended(inputs, expected, wrong)
             else:
                 self._clock.check()
                 pairs = flips.pairs(inputs, expected, self._supports(observed, flat=False), self._clock.check)
                 if pairs:
                     yield from ((top[one], top[other]) for one, other in pairs)
                     return
-                at_least = 3
+                at_least = self.at_least = 3
+                self.best = self._mended(inputs, expected, wrong)
         guided = self._search()
         assumptions = list(filter(None, map(self._number.get, observed.numbers)))
         known = None
@@ -147,8 +157,22 @@ class TopLevel:
         narrow = compress(self._narrow, [lanes & 1 for lanes in wrong])
         cores = sorted(filter(None, narrow), key=len)
         in_order = tuple(self._candidate)
-        for found in guided.minimum(assumptions, at_least, at_most, incumbent=known, cores=cores):
-            yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
+        try:
+            for found in guided.minimum(assumptions, at_least, at_most, incumbent=known, cores=cores):
+                yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
+        finally:
+            self.at_least = guided.paid
+            if guided.best is not None and (self.best is None or len(guided.best) < len(self.best)):
+                self.best = tuple(sorted([in_order[candidate - 1] for candidate in guided.best]))
+
+    def _mended(self, inputs: Sequence[bool], expected: Sequence[bool], wrong: Sequence[int]) -> Top | None:
+        """Return the gates that drive wrong outputs, if with these turned over all is right."""
+        position = {gate: place for place, gate in enumerate(self.cones.top)}
+        driving = [self._driver[net] for net, lanes in zip(self._checks, wrong, strict=True) if lanes & 1]
+        gates = [position[gate] for gate in driving]
+        return (
+            tuple(driving) if self._passes(flat=False).needed(inputs, expected, gates) is not None else None
+        )
 
     def small_subset_minimal(self, observed: SignedObs, size: int, smaller: set[int]) -> Iterator[Top]:
         """Yield the subset-minimal diagnoses of 1 or 2 gates, of all gates; `smaller`: those of size 1."""
@@ -169,9 +193,26 @@ class TopLevel:
         inputs, expected = self._inputs(observed)
         return self._passes(flat=False).agrees(inputs, expected)
 
+    def prepare(self) -> None:
+        """Make what searches for one diagnosis, and for what it rests on."""
+        self._search()
+        self.traces()
+        if self._simulates(first_only=True):
+            self._passes(flat=False)
+
+    def traces(self) -> Traces:
+        """Return what finds conflicts by simulation."""
+        if self._traces is None:
+            sensors = {*self._checks, *self._observed_sources}
+            self._traces = Traces(self.netlist, self.cones.seen, sensors)
+        return self._traces
+
     def _simulates(self, first_only: bool) -> bool:
-        """Whether passes are worth compiling: at the second use; for all diagnoses of a few gates at once."""
-        at_once = not first_only and len(self.netlist.gates) <= 1_000
+        """Whether passes are worth compiling: for one diagnosis they are, as many are asked for.
+
+        Else at the second use; for all diagnoses of a few gates at once.
+        """
+        at_once = first_only or len(self.netlist.gates) <= 1_000
         return self.can_simulate and (self.uses > 1 or at_once)
 
     @property
