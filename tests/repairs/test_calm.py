@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -16,6 +17,7 @@ from robomend.planning.choice import Choice
 from robomend.repairs.calm import Calm
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend.robots.sight import Sight
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -85,29 +87,35 @@ async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
     assert asked
 
 
-async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_come_back(
-    tmp_path: Path,
-) -> None:
-    async def said(runtime: Runtime, now_ns: int, **verdicts: tuple[bool, float]) -> None:
-        """Report topics, good or bad, and for how long they have been so."""
-        batch = Batch(
-            [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
-            source="agent",
-            time_ns=now_ns,
-            since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
-            onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
-        )
-        await runtime.robots.observe("r1", batch)
+async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
+    """Report topics, good or bad, and for how long they have been so."""
+    batch = Batch(
+        [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
+        source=by,
+        time_ns=now_ns,
+        since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
+        onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
+    )
+    await runtime.robots.observe("r1", batch)
 
+
+@asynccontextmanager
+async def waiting_for_verdicts(tmp_path: Path) -> AsyncIterator[tuple[Runtime, Calm]]:
+    """A robot whose verdicts take a minute, and what a repair of it waits for."""
     config = {**CONFIG, "policy": "observe", "detection_s": 60.0}
     async with service(tmp_path) as runtime:
         await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
         await runtime.robots.put_robot("r1", config, expected=None, by="test")
         state = await runtime.robots.memory.robot("r1")
-        now_ns = CLOCK.now_ns()
         nobody = cast(Any, None)
-        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
+        yield runtime, Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
 
+
+async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_come_back(
+    tmp_path: Path,
+) -> None:
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        now_ns = CLOCK.now_ns()
         await said(runtime, now_ns - 200 * S, scan=(True, 1), map=(True, 1))
         await said(runtime, now_ns - 90 * S, scan=(False, 10), map=(False, 10))
         assert MAP not in calm._pending()
@@ -115,3 +123,18 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
         pending = calm._pending()
         assert pending[MAP] > now_ns + 50 * S
         assert SCAN not in pending
+
+
+@pytest.mark.parametrize("cut_off", ["far", "near"])
+async def test_what_rests_on_what_a_host_says_that_is_heard_again_is_given_time_to_come_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut_off: str
+) -> None:
+    """The input was good all along, where it is published: only nobody else heard of it."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        now_ns = CLOCK.now_ns()
+        await said(runtime, now_ns - 200 * S, "far", scan=(True, 1))
+        await said(runtime, now_ns - 90 * S, "near", map=(False, 10))
+        assert MAP not in calm._pending()
+        again = {cut_off: now_ns - 2 * S}
+        monkeypatch.setattr(Sight, "heard_again_ns", lambda self, source: again.get(source))
+        assert calm._pending()[MAP] > now_ns + 50 * S

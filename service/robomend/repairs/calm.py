@@ -17,6 +17,8 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.entry import Entry
+from robomend.model.components import ComponentModel
 from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
 from robomend.planning.influence import needed, published, touched
@@ -156,16 +158,34 @@ class Calm:
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
-            topics = [e for e in said if e.atom.predicate == "ok" and e.atom.args]
-            risen = ((e.atom, state.sight.rose_ns(e.atom)) for e in topics if e.positive)
             back = returning(
-                [entry for entry in topics if entry.atom in bad],
-                {atom.args[0]: since for atom, since in risen if since is not None},
+                symptoms,
+                self._risen(parts, said),
                 partial(needed, parts),
                 lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
             )
+            # Who is heard again after it was cut off may itself hear again what it says is bad.
+            for entry in symptoms:
+                again_ns = state.sight.heard_again_ns(entry.source) or 0
+                end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
+                if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < again_ns:
+                    back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
+        return found
+
+    def _risen(self, parts: ComponentModel, said: Collection[Entry]) -> dict[str, int]:
+        """Return topics that are good, or may be by who publishes them, with since when.
+
+        Of who was cut off and is heard again all comes anew, be it good all along.
+        """
+        sight, found = self._state.sight, dict[str, int]()
+        for entry in said:
+            names = entry.atom.args if entry.atom.predicate == "ok" else published(parts, entry.atom.args)
+            rose_ns = sight.rose_ns(entry.atom) if entry.atom.predicate == "ok" else None
+            since_ns = max(rose_ns or 0, sight.heard_again_ns(entry.source) or 0)
+            if entry.positive and since_ns:
+                found |= {name: max(since_ns, found.get(name, 0)) for name in names}
         return found
 
     def _unseen(self, unconfirmed: Collection[Atom], now_ns: int) -> dict[Atom, int]:

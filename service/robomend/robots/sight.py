@@ -355,6 +355,11 @@ class Sight:
             if silent is not None and entry.source != reporter and entry.positive and entry.fresh(now_ns):
                 yield entry.atom, f"{entry.source} is, which was not heard", *silent
 
+    def heard_again_ns(self, source: str) -> int | None:
+        """Return since when a source is heard again that was silent for unusually long, the last time."""
+        silent = self._heard.interruption(source)
+        return None if silent is None else silent[1]
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now; of
         what does not hold any more, since when it did the last time.
@@ -408,17 +413,17 @@ class Sight:
     def heard(self, reported: Iterable[Entry], changed: Iterable[Entry]) -> None:
         """Take note of who has spoken just now, whether it was news or not."""
         new, now_ns = frozenset(entry.atom for entry in changed), CLOCK.now_ns()
-        spoke: dict[str, tuple[int, bool, bool]] = {}
+        spoke: dict[str, tuple[int, bool, int]] = {}
         for entry in reported:
-            said_ns, again, mortal = spoke.get(entry.source, (0, False, False))
+            said_ns, again, lives_ns = spoke.get(entry.source, (0, False, 0))
             spoke[entry.source] = (
                 max(said_ns, entry.time_ns),
                 again or entry.atom not in new,
-                mortal or entry.expires_ns is not None,
+                max(lives_ns, (entry.expires_ns or entry.time_ns) - entry.time_ns),
             )
-        for source, (said_ns, again, mortal) in spoke.items():  # it may have been on its way for long
+        for source, (said_ns, again, lives_ns) in spoke.items():  # it may have been on its way for long
             at_ns = min(now_ns, said_ns + self._clocks.lives_on_ns(source))
-            self._heard.hear(source, at_ns, again=again, mortal=mortal)
+            self._heard.hear(source, at_ns, again=again, lives_ns=lives_ns, arrived_ns=now_ns)
 
     def _switched(self, device: str, entry: Entry) -> None:
         """Take note of a device's power, which was heard to have changed."""
