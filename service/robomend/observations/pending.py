@@ -79,7 +79,8 @@ class Heard:
             one = self._sources[source] = _Source(said_ns, now_ns, deque(maxlen=GAPS))
             while len(self._sources) > MOST_SOURCES:
                 self._sources.popitem(last=False)
-        usual_ns = sorted(one.gaps)[-2] if len(one.gaps) > 1 and self.usual_ns(source) is not None else inf
+        known = one.gaps and self.usual_ns(source) is not None
+        usual_ns = sorted(one.gaps)[-2:][0] if known else inf
         if now_ns - one.arrived_ns > 2 * usual_ns + SLACK_NS:
             one.interrupted = (one.arrived_ns, now_ns)
         one.arrived_ns = max(now_ns, one.arrived_ns)

@@ -142,9 +142,11 @@ class Sight:
         if onset_ns is None:
             return {}
         found: dict[Atom, int] = {}
-        tellers = {BOARD, *(entry.source for entry in symptoms)}
-        for entry in entries:
-            if not entry.positive or entry.source in tellers:
+        tellers, left = {BOARD, *(entry.source for entry in symptoms)}, frozenset(self.not_confirmed())
+        for entry in robot.obs.entries():  # also what has lapsed meanwhile
+            if not entry.positive or entry.source in tellers or entry.atom in left:
+                continue
+            if entry.expires_ns is not None and entry.expires_ns < onset_ns:
                 continue
             noticed_ns = onset_ns + self.delays(entry.atom).detection_ns
             if self._heard.silent_since(entry.source, noticed_ns):
