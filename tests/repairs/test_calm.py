@@ -14,6 +14,7 @@ from tests.repairs.robot import CONFIG, MODEL, service
 from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
+from robomend.planning.plan import Outcome, Plan, Step
 from robomend.repairs.calm import Calm
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -138,3 +139,33 @@ async def test_what_rests_on_what_a_host_says_that_is_heard_again_is_given_time_
         again = {cut_off: now_ns - 2 * S}
         monkeypatch.setattr(Sight, "heard_again_ns", lambda self, source: again.get(source))
         assert calm._pending()[MAP] > now_ns + 50 * S
+
+
+def planned(*acts: str) -> Plan:
+    """Return a plan that switches the lidar, as far as it matters here."""
+    off = {"shutdown": True, "power_up": False}
+    steps = tuple(
+        Step(n, act, ("lidar",), 1.0, (), (), (Literal(Atom("off", ("lidar",)), off[act]),))
+        for n, act in enumerate(acts)
+    )
+    return Plan(Outcome.SOLVED, steps, float(len(steps)), "none", frozenset(), (), (), (), 0.0)
+
+
+async def test_power_is_not_cut_at_once_for_what_may_come_back_by_itself_nor_waited_for_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cycle = planned("shutdown", "power_up")
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        written: dict[str, Any] = {}
+        monkeypatch.setattr(calm, "_record", SimpleNamespace(data=written))
+        monkeypatch.setattr(calm, "_start_up_s", lambda name: 30.0)
+        now_ns = CLOCK.now_ns()
+        assert calm._may_be_back_ns(cycle) == 0  # there is no symptom
+        await said(runtime, now_ns - 1 * S, scan=(False, 20))
+        end_ns = calm._may_be_back_ns(cycle)
+        assert end_ns == pytest.approx(now_ns + (30 - 21 + 60) * S, abs=S)  # to start, and to be seen
+        await said(runtime, now_ns, map=(False, 1))
+        assert calm._may_be_back_ns(cycle) == end_ns  # whatever falls after it
+        assert calm._may_be_back_ns(planned("power_up")) == 0
+        written["rounds"] = [{"plan": []}]
+        assert calm._may_be_back_ns(cycle) == 0
