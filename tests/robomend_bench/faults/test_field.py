@@ -116,6 +116,13 @@ def test_a_driver_that_reconnects_needs_no_start() -> None:
     assert min(back) >= max(acted.at_s for acted in record.acts) + RECONNECTS_S
 
 
+@pytest.mark.parametrize("name", robot_names("field"))
+def test_who_switches_the_power_is_configured_to(name: str) -> None:
+    robot = find_robot(name)
+    if robot.anatomy.power == "agent":
+        assert {"power_up", "shutdown"} <= robot.settings(None, [])["actions"].keys()
+
+
 def test_that_a_driver_reconnects_is_known_to_the_best_policy_where_the_model_says_so() -> None:
     known = {True: 0, False: 0}
     for number in range(12):
