@@ -33,6 +33,7 @@ from robomend.repairs.record import RepairRecord
 from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
+from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
@@ -298,7 +299,7 @@ class LiveRepair:
         """
         parts = self._state.system.parts
         bad = {p.atom.args[0] for p in step.preconditions if p.positive and p.atom.predicate == "bad"}
-        if step.name == "power_up":
+        if step.name == "power_up" and step.parameters[0] not in self._acts.left_off():
             await self._look_at_power(step)
         if parts is None or not bad or not bad <= self._judged:
             return None
@@ -323,10 +324,13 @@ class LiveRepair:
 
     async def _look_at_power(self, step: Step) -> None:
         """Before power is switched on: it may be on again, and the board is about to say so."""
-        board, on = self._state.config.board, Atom("on", step.parameters)
+        board, on, sight = self._state.config.board, Atom("on", step.parameters), self._state.sight
+        began_ns = CLOCK.now_ns()
         deadline = time.monotonic() + min(1.2 / board.rate_hz if board else 0.0, Timing().hold_s)
-        while self._state.sight.value(on) is False and (left_s := deadline - time.monotonic()) > 0:
-            await self._state.changed(self._state.revision, left_s)
+        while sight.value(on) is False and sight.repeated_ns <= began_ns:
+            if (left_s := deadline - time.monotonic()) <= 0:
+                return
+            await self._state.changed(self._state.revision, min(left_s, NEWS_S))
 
     # --- give up
 

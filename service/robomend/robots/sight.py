@@ -69,6 +69,7 @@ class Sight:
         "_settle",
         "declared",
         "power_back",
+        "repeated_ns",
         "start_ups",
         "twins",
         "unconfirmed",
@@ -88,6 +89,7 @@ class Sight:
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._powerless: set[str] = set()  # devices that were last heard to be off
         self.power_back: dict[str, int] = {}  # device -> when it was heard to be on, after it was off
+        self.repeated_ns = 0  # when the board last said what it had said before
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.start_ups = StartUps()
@@ -437,6 +439,7 @@ class Sight:
 
     def said_again(self, literals: Collection[Literal], time_ns: int) -> None:
         """Take note of literals that a source says anew, at this time, and that OBS holds as they are."""
+        self.repeated_ns = time_ns
         held = (self._robot.obs.get(literal.atom) for literal in literals if literal.atom in self.unconfirmed)
         same = (entry for entry in held if entry is not None and entry.literal in literals)
         if self.unconfirmed.hear(replace(entry, since_ns=time_ns) for entry in same):
