@@ -16,6 +16,7 @@ from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.repairs.calm import Calm
+from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.sight import Sight
@@ -101,9 +102,9 @@ async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tup
 
 
 @asynccontextmanager
-async def waiting_for_verdicts(tmp_path: Path) -> AsyncIterator[tuple[Runtime, Calm]]:
+async def waiting_for_verdicts(tmp_path: Path, **about: Any) -> AsyncIterator[tuple[Runtime, Calm]]:
     """A robot whose verdicts take a minute, and what a repair of it waits for."""
-    config = {**CONFIG, "policy": "observe", "detection_s": 60.0}
+    config = {**CONFIG, "policy": "observe", "detection_s": 60.0, **about}
     async with service(tmp_path) as runtime:
         await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
         await runtime.robots.put_robot("r1", config, expected=None, by="test")
@@ -169,3 +170,23 @@ async def test_power_is_not_cut_at_once_for_what_may_come_back_by_itself_nor_wai
         assert calm._may_be_back_ns(planned("power_up")) == 0
         written["rounds"] = [{"plan": []}]
         assert calm._may_be_back_ns(cycle) == 0
+
+
+async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_again(
+    tmp_path: Path,
+) -> None:
+    """Nobody can say how it is: a trend of what is silent, or whether two values match."""
+    about = {"observed": ["ok(scan)", "ok(map)", "running(lidar_node)", "ok(odom)"]}
+    async with waiting_for_verdicts(tmp_path, **about) as (runtime, _):
+        state, nobody = await runtime.robots.memory.robot("r1"), cast(Any, None)
+        record = cast(Any, SimpleNamespace(data={}))
+        hearing = Hearing(runtime.store, runtime.robots, state, record, nobody, None)
+        await said(runtime, CLOCK.now_ns() - S, scan=(False, 2))
+        await runtime.robots.diagnosed("r1")
+        assert {str(atom) for atom in await hearing.unheard()} == {
+            "ok(map)",
+            "ok(odom)",
+            "running(lidar_node)",
+        }
+        hearing._complete = True
+        assert {str(atom) for atom in await hearing.unheard()} == {"ok(odom)", "running(lidar_node)"}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import partial
 
 from robomend.observations.obs import consequences
+from robomend.planning.influence import influenced
+from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.repairs.conclusions import Silent
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -44,6 +46,7 @@ class Hearing:
         self._signals = signals
         self._since = since or 0
         self._heard: set[Atom] = set()  # reported since then
+        self._complete = False  # whether all were heard once, in this repair
 
     async def hear_all(self) -> bool:
         """Wait until OBS holds each literal that the observers will report; return whether we had to.
@@ -66,7 +69,7 @@ class Hearing:
                 told = names
                 await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
             await self._next_news()
-        self._anew = False
+        self._anew, self._complete = False, True
         return bool(told)
 
     async def look_at(self, atom: Atom, reason: str) -> None:
@@ -100,6 +103,8 @@ class Hearing:
         if self._anew:
             await self._hear_since()
         silent = {atom for atom in self.observed if not self._state.sight.reported(atom)}
+        if self._complete and silent:
+            silent -= self._mute_with_suspects(silent)
         if self._anew:
             board = (await self._robots.board(self._state.id)) if self._state.config.board else None
             silent |= {
@@ -109,6 +114,18 @@ class Hearing:
                 if not (board is not None and board.told and self._source(atom) == SOURCE)
             }
         return sorted(silent)
+
+    def _mute_with_suspects(self, silent: Collection[Atom]) -> frozenset[Atom]:
+        """Return what nobody can judge as it rests on what is suspected: two values match or not while both
+        are there.
+        """
+        parts, current = self._state.system.parts, self._state.current
+        blamed = () if current is None else (current.bad_sets or ())
+        suspects = {name for bad in blamed for name in bad}
+        rest = [atom for atom in silent if atom.predicate not in OBSERVED_FACTS]
+        if parts is None or not suspects or not rest:
+            return frozenset()
+        return influenced(parts, theory_of(self._state.system.cnf), suspects, rest)
 
     def _source(self, atom: Atom) -> str | None:
         entry = self._state.obs.get(atom)
