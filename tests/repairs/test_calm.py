@@ -102,11 +102,13 @@ async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tup
 
 
 @asynccontextmanager
-async def waiting_for_verdicts(tmp_path: Path, **about: Any) -> AsyncIterator[tuple[Runtime, Calm]]:
+async def waiting_for_verdicts(
+    tmp_path: Path, model: str = MODEL, **about: Any
+) -> AsyncIterator[tuple[Runtime, Calm]]:
     """A robot whose verdicts take a minute, and what a repair of it waits for."""
     config = {**CONFIG, "policy": "observe", "detection_s": 60.0, **about}
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
         await runtime.robots.put_robot("r1", config, expected=None, by="test")
         state = await runtime.robots.memory.robot("r1")
         nobody = cast(Any, None)
@@ -140,6 +142,17 @@ async def test_what_rests_on_what_a_host_says_that_is_heard_again_is_given_time_
         again = {cut_off: now_ns - 2 * S}
         monkeypatch.setattr(Sight, "heard_again_ns", lambda self, source: again.get(source))
         assert calm._pending()[MAP] > now_ns + 50 * S
+
+
+async def test_when_one_of_what_a_supply_feeds_is_back_the_others_are_given_time_too(tmp_path: Path) -> None:
+    hub = MODEL.replace("  base: {channel: 7}", "  hub: {}\n  base: {channel: 7, fed_by: [hub]}")
+    hub = hub.replace("  lidar: {channel: 3}", "  lidar: {channel: 3, fed_by: [hub]}")
+    for model, waited_for in ((MODEL, False), (hub, True)):
+        async with waiting_for_verdicts(tmp_path / str(waited_for), model) as (runtime, calm):
+            now_ns = CLOCK.now_ns()
+            await said(runtime, now_ns - 90 * S, scan=(False, 10), odom=(False, 10))
+            await said(runtime, now_ns - 5 * S, odom=(True, 2))
+            assert (SCAN in calm._pending()) is waited_for
 
 
 def planned(*acts: str) -> Plan:
@@ -176,7 +189,7 @@ async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_
     tmp_path: Path,
 ) -> None:
     """Nobody can say how it is: a trend of what is silent, or whether two values match."""
-    about = {"observed": ["ok(scan)", "ok(map)", "running(lidar_node)", "ok(odom)"]}
+    about: dict[str, Any] = {"observed": ["ok(scan)", "ok(map)", "running(lidar_node)", "ok(odom)"]}
     async with waiting_for_verdicts(tmp_path, **about) as (runtime, _):
         state, nobody = await runtime.robots.memory.robot("r1"), cast(Any, None)
         record = cast(Any, SimpleNamespace(data={}))

@@ -190,13 +190,21 @@ class Calm:
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
+            risen = self._risen(parts, said)
             back = returning(
                 symptoms,
-                self._risen(parts, said),
+                risen,
                 partial(needed, parts),
                 lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
             )
+            for supply in {name for each in parts.hardware.values() for name in each.fed_by}:
+                fed = published(parts, [supply])  # what is back of it may be the first
+                first_ns = max((risen[topic] for topic in fed & risen.keys()), default=0)
+                for entry in (e for e in symptoms if not fed.isdisjoint(e.atom.args)):
+                    end_ns = first_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
+                    if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < first_ns:
+                        back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             # Who is heard again after it was cut off may itself hear again what it says is bad.
             for entry in symptoms:
                 again_ns = state.sight.heard_again_ns(entry.source) or 0
