@@ -205,22 +205,46 @@ def test_how_long_a_verdict_is_pending_is_a_matter_of_its_own_observer() -> None
 def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
     heard = Heard()
     for n in range(5):
-        heard.hear("agent", n * S, again=True, mortal=True)
+        heard.hear("agent", n * S, again=True, lives_ns=2 * S)
     assert heard.usual_ns("agent") == S
     assert heard.silent_since("agent", 5 * S)
     assert not heard.silent_since("agent", 3 * S)
     assert heard.interruption("agent") is None
-    heard.hear("agent", 9 * S, again=True, mortal=True)
+    heard.hear("agent", 9 * S, again=True, lives_ns=2 * S)
     assert heard.interruption("agent") == (4 * S, 9 * S)
+    assert heard.usual_ns("agent") == S  # to be cut off once is no rhythm
+
+
+def test_who_is_cut_off_again_is_known_to_be_and_who_speaks_more_seldom_from_now_on_is_not() -> None:
+    heard = Heard()
+    times = [*range(8), *range(12, 18), *range(22, 26)]
+    for s in times:
+        heard.hear("agent", s * S, again=True, lives_ns=9 * S)
+    assert heard.interruption("agent") == (17 * S, 22 * S)
+    for s in range(29, 129, 4):
+        heard.hear("agent", s * S, again=True, lives_ns=9 * S)
+    assert heard.usual_ns("agent") == 4 * S
+    assert (heard.interruption("agent") or (0, 0))[1] in range(1, 40 * S)
+
+
+def test_what_was_said_while_the_way_was_cut_off_and_comes_through_later_does_not_hide_that() -> None:
+    heard = Heard()
+    for s in range(6):
+        heard.hear("agent", s * S, again=True, lives_ns=9 * S, arrived_ns=s * S)
+    for s in range(6, 10):
+        heard.hear("agent", s * S, again=True, lives_ns=9 * S, arrived_ns=10 * S)
+    assert heard.interruption("agent") == (5 * S, 10 * S)
 
 
 def test_who_speaks_on_change_only_is_never_silent_and_nobody_is_before_its_rhythm_is_known() -> None:
     heard = Heard()
     for n in range(20):
-        heard.hear("on change", n * S, again=False, mortal=False)
-        heard.hear("repeats", n * S, again=True, mortal=False)
-    heard.hear("young", 19 * S, again=True, mortal=True)
+        heard.hear("on change", n * S, again=False, lives_ns=0)
+        heard.hear("repeats", n * S, again=True, lives_ns=0)
+    heard.hear("young", 19 * S, again=True, lives_ns=2 * S)
+    heard.hear("new", 19 * S, again=True, lives_ns=0)
     assert not heard.silent_since("on change", 1000 * S)
-    assert not heard.silent_since("young", 1000 * S)
+    assert heard.usual_ns("young") == 2 * S  # by its own word
+    assert not heard.silent_since("new", 1000 * S)
     assert not heard.silent_since("nobody", 1000 * S)
     assert heard.silent_since("repeats", 1000 * S)

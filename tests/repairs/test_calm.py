@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,9 +14,12 @@ from tests.repairs.robot import CONFIG, MODEL, service
 from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
+from robomend.planning.plan import Outcome, Plan, Step
 from robomend.repairs.calm import Calm
+from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend.robots.sight import Sight
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -85,29 +89,37 @@ async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
     assert asked
 
 
+async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
+    """Report topics, good or bad, and for how long they have been so."""
+    batch = Batch(
+        [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
+        source=by,
+        time_ns=now_ns,
+        since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
+        onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
+    )
+    await runtime.robots.observe("r1", batch)
+
+
+@asynccontextmanager
+async def waiting_for_verdicts(
+    tmp_path: Path, model: str = MODEL, **about: Any
+) -> AsyncIterator[tuple[Runtime, Calm]]:
+    """A robot whose verdicts take a minute, and what a repair of it waits for."""
+    config = {**CONFIG, "policy": "observe", "detection_s": 60.0, **about}
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        state = await runtime.robots.memory.robot("r1")
+        nobody = cast(Any, None)
+        yield runtime, Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
+
+
 async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_come_back(
     tmp_path: Path,
 ) -> None:
-    async def said(runtime: Runtime, now_ns: int, **verdicts: tuple[bool, float]) -> None:
-        """Report topics, good or bad, and for how long they have been so."""
-        batch = Batch(
-            [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
-            source="agent",
-            time_ns=now_ns,
-            since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
-            onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
-        )
-        await runtime.robots.observe("r1", batch)
-
-    config = {**CONFIG, "policy": "observe", "detection_s": 60.0}
-    async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
-        state = await runtime.robots.memory.robot("r1")
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
         now_ns = CLOCK.now_ns()
-        nobody = cast(Any, None)
-        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
-
         await said(runtime, now_ns - 200 * S, scan=(True, 1), map=(True, 1))
         await said(runtime, now_ns - 90 * S, scan=(False, 10), map=(False, 10))
         assert MAP not in calm._pending()
@@ -135,3 +147,79 @@ async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(t
         pending = calm._pending()
     assert pending.keys() == {SCAN}
     assert now_ns < pending[SCAN] < now_ns + 2 * S
+
+
+@pytest.mark.parametrize("cut_off", ["far", "near"])
+async def test_what_rests_on_what_a_host_says_that_is_heard_again_is_given_time_to_come_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut_off: str
+) -> None:
+    """The input was good all along, where it is published: only nobody else heard of it."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        now_ns = CLOCK.now_ns()
+        await said(runtime, now_ns - 200 * S, "far", scan=(True, 1))
+        await said(runtime, now_ns - 90 * S, "near", map=(False, 10))
+        assert MAP not in calm._pending()
+        again = {cut_off: now_ns - 2 * S}
+        monkeypatch.setattr(Sight, "heard_again_ns", lambda self, source: again.get(source))
+        assert calm._pending()[MAP] > now_ns + 50 * S
+
+
+async def test_when_one_of_what_a_supply_feeds_is_back_the_others_are_given_time_too(tmp_path: Path) -> None:
+    hub = MODEL.replace("  base: {channel: 7}", "  hub: {}\n  base: {channel: 7, fed_by: [hub]}")
+    hub = hub.replace("  lidar: {channel: 3}", "  lidar: {channel: 3, fed_by: [hub]}")
+    for model, waited_for in ((MODEL, False), (hub, True)):
+        async with waiting_for_verdicts(tmp_path / str(waited_for), model) as (runtime, calm):
+            now_ns = CLOCK.now_ns()
+            await said(runtime, now_ns - 90 * S, scan=(False, 10), odom=(False, 10))
+            await said(runtime, now_ns - 5 * S, odom=(True, 2))
+            assert (SCAN in calm._pending()) is waited_for
+
+
+def planned(*acts: str) -> Plan:
+    """Return a plan that switches the lidar, as far as it matters here."""
+    off = {"shutdown": True, "power_up": False}
+    steps = tuple(
+        Step(n, act, ("lidar",), 1.0, (), (), (Literal(Atom("off", ("lidar",)), off[act]),))
+        for n, act in enumerate(acts)
+    )
+    return Plan(Outcome.SOLVED, steps, float(len(steps)), "none", frozenset(), (), (), (), 0.0)
+
+
+async def test_power_is_not_cut_at_once_for_what_may_come_back_by_itself_nor_waited_for_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cycle = planned("shutdown", "power_up")
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        written: dict[str, Any] = {}
+        monkeypatch.setattr(calm, "_record", SimpleNamespace(data=written))
+        monkeypatch.setattr(calm, "_start_up_s", lambda name: 30.0)
+        now_ns = CLOCK.now_ns()
+        assert calm._may_be_back_ns(cycle) == 0  # there is no symptom
+        await said(runtime, now_ns - 1 * S, scan=(False, 20))
+        end_ns = calm._may_be_back_ns(cycle)
+        assert end_ns == pytest.approx(now_ns + (30 - 21 + 60) * S, abs=S)  # to start, and to be seen
+        await said(runtime, now_ns, map=(False, 1))
+        assert calm._may_be_back_ns(cycle) == end_ns  # whatever falls after it
+        assert calm._may_be_back_ns(planned("power_up")) == 0
+        written["rounds"] = [{"plan": []}]
+        assert calm._may_be_back_ns(cycle) == 0
+
+
+async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_again(
+    tmp_path: Path,
+) -> None:
+    """Nobody can say how it is: a trend of what is silent, or whether two values match."""
+    about: dict[str, Any] = {"observed": ["ok(scan)", "ok(map)", "running(lidar_node)", "ok(odom)"]}
+    async with waiting_for_verdicts(tmp_path, **about) as (runtime, _):
+        state, nobody = await runtime.robots.memory.robot("r1"), cast(Any, None)
+        record = cast(Any, SimpleNamespace(data={}))
+        hearing = Hearing(runtime.store, runtime.robots, state, record, nobody, None)
+        await said(runtime, CLOCK.now_ns() - S, scan=(False, 2))
+        await runtime.robots.diagnosed("r1")
+        assert {str(atom) for atom in await hearing.unheard()} == {
+            "ok(map)",
+            "ok(odom)",
+            "running(lidar_node)",
+        }
+        hearing._complete = True
+        assert {str(atom) for atom in await hearing.unheard()} == {"ok(odom)", "running(lidar_node)"}

@@ -65,11 +65,20 @@ async def test_what_an_action_takes_away_may_be_gone_before_it_answers() -> None
 
 async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
     robot = Robot()
-    robot.see(ON, True)
+    robot.see(RUNNING, False)
     done = await run(robot)
     assert done.ending is Ending.DONE
-    assert done.steps[0].state is StepState.ALREADY
-    assert robot.sent == ["stop_node(driver)", "start_node(driver)"]
+    assert done.steps[1].state is StepState.ALREADY
+    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
+
+
+async def test_where_power_is_back_without_us_the_rest_of_the_plan_is_not_for_what_is_there() -> None:
+    robot = Robot()
+    robot.see(ON, True)
+    done = await run(robot)
+    assert done.ending is Ending.MISMATCH
+    assert robot.sent == []
+    assert "on already, and not by this plan" in done.reason
 
 
 async def test_what_a_step_is_about_to_change_may_have_changed_since_it_was_planned() -> None:

@@ -18,17 +18,24 @@ pytestmark = pytest.mark.anyio
 WANTED = Literal(SCAN)
 
 
-async def effect(robot: Robot, observed: set[Atom]) -> tuple[list[Literal], list[Literal]]:
+async def effect(
+    robot: Robot, observed: set[Atom], action: str = "start_node"
+) -> tuple[list[Literal], list[Literal]]:
     """Await ok(scan) where these atoms are on the robot's `observed` list; nothing moves meanwhile."""
     here = replace(setting(robot), observed=frozenset(observed))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    seen, missing, _ = await Looking(here).effect("start_node", [WANTED], 0.01, 0)
+    seen, missing, _ = await Looking(here).effect(action, [WANTED], 0.01, 0)
     return list(seen), list(missing)
 
 
 async def test_an_effect_on_the_observed_list_is_awaited_though_obs_never_held_it() -> None:
     robot = Robot(obs={ON: True, RUNNING: True})
     assert await effect(robot, {SCAN}) == ([], [WANTED])
+
+
+async def test_of_power_no_word_is_awaited_that_nobody_says_as_long_as_the_driver_is_mute() -> None:
+    assert await effect(Robot(obs={ON: True, RUNNING: True}), {SCAN}, "power_up") == ([], [])
+    assert await effect(Robot(obs={SCAN: False}), {SCAN}, "power_up") == ([], [WANTED])
 
 
 async def test_an_effect_that_obs_holds_is_awaited_though_no_list_names_it() -> None:

@@ -17,11 +17,11 @@ from robomend_client.readings import Symptom
 pytestmark = pytest.mark.anyio
 
 
-async def test_of_what_comes_too_fast_nothing_is_restarted_and_a_second_publisher_is_looked_for(
-    tmp_path: Path,
-) -> None:
+@pytest.mark.parametrize("symptom", [Symptom.FAST, Symptom.PUBLISHERS])
+async def test_a_second_publisher_is_looked_for_and_no_power_is_cut(tmp_path: Path, symptom: Symptom) -> None:
+    """Where nobody knows who publishes what is too fast, its own publisher is restarted, once."""
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.kinds["ok(odom)"] = Symptom.FAST
+        robot.kinds["ok(odom)"] = symptom
         await robot.settled()
         robot.broken_topics.add("odom")
         repair = await the_repair(runtime)
@@ -29,7 +29,9 @@ async def test_of_what_comes_too_fast_nothing_is_restarted_and_a_second_publishe
     assert repair["reason"].startswith(
         "probably a second publisher: look who publishes odom; a person is needed; "
     )
-    assert robot.done == []
+    once = ["stop_node(base_node)", "start_node(base_node)"]
+    expected = {Symptom.FAST: once, Symptom.PUBLISHERS: []}
+    assert robot.done == expected[symptom]
 
 
 async def test_power_is_cut_for_what_stands_still_only_with_a_persons_yes(

@@ -57,7 +57,7 @@ class Scenario:
     slowness: float = 1.0  # of every node's start and warming up
     # Component -> in what it differs from the robot's own.
     physics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    times_known: bool = False  # whether the model says how long devices boot and nodes start
+    times_known: bool = False  # whether the model says how long things take, and which drivers reconnect
     boots: bool = False  # whether the service sees the robot being switched on before its fault
     reporting: Reporting = Reporting()
     disturbed: str = ""  # a stretch whose disturbance begins with the fault

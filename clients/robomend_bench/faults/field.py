@@ -107,6 +107,7 @@ def _brown_out(anatomy: Anatomy, chance: random.Random) -> Scenario:
     return Scenario(
         (Planted(fault, spells_s=(chance.choice((0.4, 1.5)),)),),
         physics={name: {"reconnects": reconnects} for name in drivers},
+        times_known=chance.random() < 0.5,
     )
 
 
@@ -116,6 +117,7 @@ def _comes_back(anatomy: Anatomy, chance: random.Random) -> Scenario:
     return Scenario(
         (Planted(fault, spells_s=(chance.uniform(3.0, 8.0),)),),
         physics={name: {"reconnects": reconnects} for name in anatomy.drivers[fault.component]},
+        times_known=chance.random() < 0.5,
     )
 
 

@@ -261,7 +261,7 @@ def _where_time_goes(scores: Sequence[Score]) -> Iterator[str]:
     for name in (*BY_NAME, "all"):
         some = [score for score in timed if name in (score.cls, "all")]
         if some:
-            means = [sum(score.parts[part] for score in some) / len(some) for part in Part]
+            means = [sum(score.parts.get(part, 0.0) for score in some) / len(some) for part in Part]
             cells = [name, str(len(some)), *(f"{mean:.2f}" for mean in (*means, sum(means)))]
             yield f"| {' | '.join(cells)} |"
 

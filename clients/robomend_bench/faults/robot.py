@@ -55,7 +55,18 @@ class Robot:
 
     @cached_property
     def policy(self) -> Policy:
+        """The cheapest repairs by who knows which drivers reconnect by themselves."""
         return Policy(self.anatomy)
+
+    @cached_property
+    def told_policy(self) -> Policy:
+        """The same by who knows of drivers what the model says."""
+        told = yaml.safe_load(self.model)["nodes"] if self.model else {}
+        nodes = {
+            name: replace(node, reconnects=bool((told.get(name) or {}).get("reconnects")))
+            for name, node in self.anatomy.nodes.items()
+        }
+        return Policy(replace(self.anatomy, nodes=nodes))
 
     def settings(
         self, board: Mapping[str, Any] | None, observed: list[Literal], *, slow: bool = False
@@ -137,13 +148,16 @@ def _stamped(anatomy: Anatomy, model: str, topic: str) -> tuple[Anatomy, str]:
 
 
 def _with_times(model: str, anatomy: Anatomy) -> str:
-    """Return the model with what a robot's owner knows: how long devices boot and nodes start."""
+    """Return the model with what a robot's owner knows: how long devices boot and nodes start, and which
+    drivers need no restart with their devices.
+    """
     parsed = yaml.safe_load(model)
     for name, device in anatomy.devices.items():
         parsed["hardware"][name] = {**(parsed["hardware"][name] or {}), "boot_s": device.boot_s}
     for name, node in anatomy.nodes.items():
         start_s = node.start_s + node.warm_s
-        parsed["nodes"][name] = {**(parsed["nodes"][name] or {}), "start_s": start_s}
+        known = {"start_s": start_s, "reconnects": True} if node.reconnects else {"start_s": start_s}
+        parsed["nodes"][name] = {**(parsed["nodes"][name] or {}), **known}
     return yaml.safe_dump(parsed, sort_keys=False)
 
 

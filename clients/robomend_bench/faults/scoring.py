@@ -22,10 +22,11 @@ from robomend_bench.faults.condition import (
     State,
     abnormal,
     broken,
+    device_in,
     unseen,
 )
 from robomend_bench.faults.field import BY_NAME
-from robomend_bench.faults.kinds import FOR_EVER, begun, settled
+from robomend_bench.faults.kinds import FOR_EVER, PASSING, begun, settled
 from robomend_bench.faults.observing import PRESETS, aspects_delay_s
 from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
@@ -100,7 +101,7 @@ class Score:
         """How much of detection → repaired the robot itself did not need: for acts, starts, and observers."""
         if self.repaired_s is None:
             return None
-        needed = (Part.ACTS, Part.ROBOT, Part.OBSERVERS)
+        needed = (Part.ACTS, Part.ROBOT, Part.OBSERVERS, Part.PASSES)
         return self.repaired_s - sum(self.parts.get(str(part), 0.0) for part in needed)
 
     @property
@@ -387,13 +388,28 @@ class _Scoring:
                     spoilt += ((name, acted.at_s) for name in touched(self.anatomy, part))
         if not self.record.faults:
             return
-        odd = abnormal(self.anatomy, self.all)
+        state = self._to_be_mended()
+        odd = abnormal(self.anatomy, state)
         belief = {
             each.state: each.weight for each in self.robot.universe.explanations(odd, len(self.components))
         }
-        belief.setdefault(self.all, min(belief.values(), default=1.0))
-        best = self.robot.policy.outcome(self.all, belief.items())
+        belief.setdefault(state, min(belief.values(), default=1.0))
+        best = self.robot.told_policy.outcome(state, belief.items())
         found.best_acts, found.best_exact = len(best.acts), best.exact
+
+    def _to_be_mended(self) -> State:
+        """Return the state that lasts when what passes has passed; or that of the first act, if a relay was
+        seen to be open then: that it will close by itself nobody could know.
+        """
+        if not self.acts:
+            return self.all
+        before = self.record.state_at(self.acts[0].at_s - 1e-6)
+        open_now = (
+            not device_in(before, fault.component).on
+            for _, fault in self.record.faults
+            if fault.kind in PASSING
+        )
+        return before if any(open_now) else self.all
 
     def _parts(self, act: Act) -> set[str]:
         """Return the components that an act is done to."""

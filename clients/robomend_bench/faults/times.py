@@ -16,7 +16,8 @@ from enum import StrEnum
 from itertools import pairwise
 
 from robomend_bench.faults.anatomy import Anatomy
-from robomend_bench.faults.condition import abnormal, unseen
+from robomend_bench.faults.condition import Health, abnormal, device_in, unseen
+from robomend_bench.faults.kinds import PASSING
 from robomend_bench.faults.record import ENDED, Record
 from robomend_client.literals import Atom
 
@@ -32,6 +33,9 @@ class Part(StrEnum):
     OBSERVERS = "observers"  # all topics are as the truth says, and not all of it is told
     MISSING = "missing effect"  # all is told, it is not well, and the plan's effect is still awaited
     CONCLUDES = "concludes"  # all is told, and it is well
+    PASSES = (
+        "passes"  # what goes by itself is there, and nobody can mend it; or it has gone, until the next time
+    )
 
 
 def where_time_goes(record: Record, anatomy: Anatomy, from_s: float, until_s: float) -> dict[Part, float]:
@@ -51,6 +55,7 @@ class _Moments:
         self._acts = [
             (acted.at_s, acted.at_s if acted.done_s is None else acted.done_s) for acted in record.acts
         ]
+        self._passing = {fault.component for _, fault in record.faults if fault.kind in PASSING}
         self._told: list[tuple[float, Mapping[Atom, bool]]] = []
         held: dict[Atom, bool] = {}
         for at_s, literals in record.said:
@@ -72,16 +77,18 @@ class _Moments:
         """Return what the time right after this moment went into."""
         if any(began_s <= at_s < ended_s for began_s, ended_s in self._acts):
             return Part.ACTS
-        repairs = self._record.repairs
+        repairs, truth = self._record.repairs, self._record.state_at(at_s)
+        if any(device_in(truth, name).health is Health.DEAD for name in self._passing):
+            return Part.PASSES
         last = bisect_right([seen.at_s for seen in repairs], at_s) - 1
         state = "" if last < 0 else repairs[last].state
+        well = not abnormal(self._anatomy, truth)
         if not state or state in ENDED:
-            return Part.BEGINS
+            return Part.PASSES if self._passing and well else Part.BEGINS
         if state == "running":
             round_ends_s = next((r.at_s for r in repairs[last + 1 :] if r.state != "running"), float("inf"))
             if any(at_s < began_s < round_ends_s for began_s, _ in self._acts):
                 return Part.BETWEEN
-        well = not abnormal(self._anatomy, self._record.state_at(at_s))
         if state != "running" and not (state == "verifying" and well):
             return Part.DECIDES
         if self._starts(at_s):

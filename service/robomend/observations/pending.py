@@ -6,7 +6,8 @@ is pending until its observer had its detection time, from the newest onset of a
 follow from each other along a chain of topics the one that fell first counts. And what has just
 been started is silent until it has begun: its symptoms are pending for as long as starting may take, or until
 it was heard once. A fault that went by itself is over bit by bit: what rests on something that is back may be
-back, too, and its observer has not judged yet.
+back, too, and its observer has not judged yet. So may be what rests on what a host says that was cut off and
+is heard again.
 
 Who repeats itself and has not been heard since a symptom began vouches for nothing after it: its host may be
 cut off, and what it said last is from before. It has the time in which it usually speaks again, twice. Who
@@ -21,6 +22,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from math import inf
 
 from robomend.entry import Entry
 from robomend.observations.unconfirmed import GUARD_NS
@@ -34,7 +36,7 @@ AGAIN = 4
 """Times that a source without lifetimes must have repeated itself, to count as one that does."""
 
 GAPS = 16
-"""Pauses of a source that are looked at; the longest one is usual for it."""
+"""Pauses of a source that are looked at; the longest but one is usual for it: once it may be cut off."""
 
 LEAST_GAPS = 3
 
@@ -47,9 +49,10 @@ MOST_SOURCES = 64
 @dataclass(slots=True)
 class _Source:
     last_ns: int
+    arrived_ns: int  # when it last came through, whenever that was said
     gaps: deque[int]
     again: int = 0
-    mortal: bool = False
+    lives_ns: int = 0
     interrupted: tuple[int, int] | None = None  # when it was silent for unusually long, the last time
 
 
@@ -61,31 +64,43 @@ class Heard:
     def __init__(self) -> None:
         self._sources: OrderedDict[str, _Source] = OrderedDict()
 
-    def hear(self, source: str, said_ns: int, *, again: bool, mortal: bool) -> None:
-        """A source spoke; `again`: it said something that was known already; `mortal`: with a lifetime."""
-        one = self._sources.get(source)
+    def hear(
+        self, source: str, said_ns: int, *, again: bool, lives_ns: int, arrived_ns: int | None = None
+    ) -> None:
+        """A source spoke.
+
+        Args:
+            again: it said something that was known already.
+            lives_ns: the lifetime that it gave; 0: none.
+            arrived_ns: what is said while the way is cut off may come through later, all at once.
+        """
+        one, now_ns = self._sources.get(source), said_ns if arrived_ns is None else arrived_ns
         if one is None:
-            one = self._sources[source] = _Source(said_ns, deque(maxlen=GAPS))
+            one = self._sources[source] = _Source(said_ns, now_ns, deque(maxlen=GAPS))
             while len(self._sources) > MOST_SOURCES:
                 self._sources.popitem(last=False)
+        known = one.gaps and self.usual_ns(source) is not None
+        usual_ns = sorted(one.gaps)[-2:][0] if known else inf
+        if now_ns - one.arrived_ns > 2 * usual_ns + SLACK_NS:
+            one.interrupted = (one.arrived_ns, now_ns)
+        one.arrived_ns = max(now_ns, one.arrived_ns)
         gap_ns = said_ns - one.last_ns
         if gap_ns > AT_ONCE_NS:
-            usual_ns = self.usual_ns(source)
-            if usual_ns is not None and gap_ns > 2 * usual_ns + SLACK_NS:
-                one.interrupted = (one.last_ns, said_ns)
             one.gaps.append(gap_ns)
             one.last_ns = said_ns
         one.again += again
-        one.mortal = mortal
+        one.lives_ns = lives_ns
 
     def usual_ns(self, source: str) -> int | None:
         """Return for how long a source is silent at most, usually; None: it speaks on change, or nobody knows
         yet.
         """
         one = self._sources.get(source)
-        if one is None or len(one.gaps) < LEAST_GAPS or not (one.mortal or one.again >= AGAIN):
+        if one is None or not (one.lives_ns or one.again >= AGAIN):
             return None
-        return max(one.gaps)
+        if len(one.gaps) < LEAST_GAPS:
+            return one.lives_ns or None  # by then it has to speak again
+        return sorted(one.gaps)[-2]
 
     def silent_since(self, source: str, onset_ns: int) -> bool:
         """Return whether a source that repeats itself has not been heard after this."""

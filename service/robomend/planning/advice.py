@@ -44,11 +44,13 @@ UNPOWERED: frozenset[Symptom | None] = frozenset(
 """Symptoms of what has power and does something: it is not cut for these without a person."""
 
 OTHERS: frozenset[Symptom | None] = frozenset({Symptom.FAST, Symptom.PUBLISHERS})
-"""Symptoms of a second publisher: to restart the one that is known is no remedy."""
+"""Symptoms of a second publisher: sure where who publishes is known, the first suspect where it is not."""
 
-OVER_GOOD_DATA = 0.1
-"""P(to act on it helps against what a component reports of itself while its data are good): its limit may be
-wrong, or what it warns of no fault.
+SELDOM: frozenset[Symptom | None] = frozenset({Symptom.FAST, Symptom.SELF_REPORT})
+
+SELDOM_HELPS = 0.1
+"""P(to act on it helps) against what a component reports of itself while its data are good, as its limit may
+be wrong, and against what is too fast by one publisher, as far as is known.
 """
 
 
@@ -144,14 +146,14 @@ class Situation:
         yes = self._without_cut(cut) if any(kinds[name] and kinds[name] <= UNPOWERED for name in cut) else ""
         elsewhere = self._symptoms_of(name for name, its in kinds.items() if its and its <= OTHERS)
         topics = ", ".join(sorted({name for atom in elsewhere for name in atom.args}))
-        warned = bool(kinds) and all(its == {Symptom.SELF_REPORT} for its in kinds.values())
+        seldom = bool(kinds) and all(its and its <= SELDOM for its in kinds.values())
         return Candidate(
             diagnosis,
             plan,
             self._works(diagnosis),
             along,
             self._darkened(plan, diagnosis.bad),
-            OVER_GOOD_DATA if warned else 1.0,
+            SELDOM_HELPS if seldom else 1.0,
             f"a second publisher: look who publishes {topics}" if topics else "",
             any(step.name in self.asking for step in plan.steps),
             yes,
@@ -159,10 +161,10 @@ class Situation:
 
     @property
     def second_published(self) -> frozenset[str]:
-        """The suspects to be left alone, as what is wrong with their topics is a second publisher."""
+        """The suspects to be left alone, as what is wrong with their topics is surely a second publisher."""
         suspects = {name for one in self.result.diagnoses for name in one.bad}
         kinds = {name: self._kinds(name) for name in suspects}
-        return frozenset(name for name, its in kinds.items() if its and its <= OTHERS)
+        return frozenset(n for n, its in kinds.items() if its <= OTHERS and Symptom.PUBLISHERS in its)
 
     @property
     def lingering(self) -> frozenset[str]:

@@ -8,6 +8,9 @@
 
 Whether it could change the act is asked of the engine and the planner themselves. The wait is bounded: by
 what observers declare, and where symptoms go on beginning, by MOST_S.
+
+Power is not cut first of all for a symptom that is younger than what it takes to come back by itself from a
+moment without power: to boot, to start, and for its observers to say so.
 """
 
 from __future__ import annotations
@@ -17,9 +20,13 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.entry import Entry
+from robomend.model.components import ComponentModel
 from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
+from robomend.planning.cures import power_cuts
 from robomend.planning.influence import needed, published, touched
+from robomend.planning.plan import Plan
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -111,6 +118,36 @@ class Calm:
             result = await self._newest()
         return result
 
+    async def waits_with_cut(self, choice: Choice, result: DiagnosisResult) -> bool:
+        """Wait where a plan begins with a cut of power although what it is for may still be back by itself;
+        return whether it was waited for.
+        """
+        end_ns, asked_of = self._may_be_back_ns(choice.plan), bad_sets(result)
+        if (end_ns - CLOCK.now_ns()) / 1e9 > TELL_S:
+            why = "whether it comes back by itself, before power is cut for it"
+            await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=[])
+        waited = False
+        while bad_sets(result) == asked_of and (left_s := (end_ns - CLOCK.now_ns()) / 1e9) > 0:
+            waited = True
+            await self._signals.unless_halted(self._state.changed(self._state.revision, left_s))
+            result = await self._newest()
+        return waited
+
+    def _may_be_back_ns(self, plan: Plan | None) -> int:
+        """Return until when what a plan cuts the power of may be back by itself, if it had been without power
+        for a moment; 0: it does not begin with a cut, or something was done for it already, in vain.
+        """
+        parts, written = self._state.system.parts, self._record.data
+        if plan is None or parts is None or written.get("rounds") or written.get("asked"):
+            return 0
+        sight, names = self._state.sight, touched(parts, power_cuts(plan))
+        symptoms = [e for e in sight.entries() if not e.positive and not names.isdisjoint(e.atom.args)]
+        if not symptoms or not names:
+            return 0
+        began_ns = min(e.onset_ns or e.since_ns or e.time_ns for e in symptoms)
+        shows_ns = max(sight.delays(e.atom).settling_ns for e in symptoms) + SLACK_NS
+        return began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9) + shows_ns
+
     def _pending(self) -> dict[Atom, int]:
         """Return the verdicts that are about to come, each with until when."""
         state, now_ns = self._state, CLOCK.now_ns()
@@ -139,11 +176,8 @@ class Calm:
             if due_ns + CUT_OFF_NS > now_ns:
                 found[atom] = max(due_ns + CUT_OFF_NS, found.get(atom, 0))
         if parts is not None:
-            began = {
-                entry.atom: entry.onset_ns
-                for entry in said
-                if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
-            }
+            facts = [e for e in said if e.positive and e.atom.predicate in OBSERVED_FACTS]
+            began = {e.atom: began_ns for e in facts if (began_ns := self._began_ns(e)) is not None}
             until = {atom: since + self._may_take_ns(atom.args[0], since) for atom, since in began.items()}
             young = {atom: since for atom, since in began.items() if until[atom] > now_ns}
             since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
@@ -157,16 +191,49 @@ class Calm:
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
-            topics = [e for e in said if e.atom.predicate == "ok" and e.atom.args]
-            risen = ((e.atom, state.sight.rose_ns(e.atom)) for e in topics if e.positive)
+            risen = self._risen(parts, said)
             back = returning(
-                [entry for entry in topics if entry.atom in bad],
-                {atom.args[0]: since for atom, since in risen if since is not None},
+                symptoms,
+                risen,
                 partial(needed, parts),
                 lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
             )
+            for supply in {name for each in parts.hardware.values() for name in each.fed_by}:
+                fed = published(parts, [supply])  # what is back of it may be the first
+                first_ns = max((risen[topic] for topic in fed & risen.keys()), default=0)
+                for entry in (e for e in symptoms if not fed.isdisjoint(e.atom.args)):
+                    end_ns = first_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
+                    if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < first_ns:
+                        back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
+            # Who is heard again after it was cut off may itself hear again what it says is bad.
+            for entry in symptoms:
+                again_ns = state.sight.heard_again_ns(entry.source) or 0
+                end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
+                if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < again_ns:
+                    back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
+        return found
+
+    def _began_ns(self, entry: Entry) -> int | None:
+        """Return since when something is on, or runs, by who says so or by when it was heard to change."""
+        sight = self._state.sight
+        if entry.onset_ns is None and sight.seen_off(entry.atom):
+            return sight.rose_ns(entry.atom)
+        return entry.onset_ns
+
+    def _risen(self, parts: ComponentModel, said: Collection[Entry]) -> dict[str, int]:
+        """Return topics that are good, or may be by who publishes them, with since when.
+
+        Of who was cut off and is heard again all comes anew, be it good all along.
+        """
+        sight, found = self._state.sight, dict[str, int]()
+        for entry in said:
+            names = entry.atom.args if entry.atom.predicate == "ok" else published(parts, entry.atom.args)
+            rose_ns = sight.rose_ns(entry.atom) if entry.atom.predicate == "ok" else None
+            since_ns = max(rose_ns or 0, sight.heard_again_ns(entry.source) or 0)
+            if entry.positive and since_ns:
+                found |= {name: max(since_ns, found.get(name, 0)) for name in names}
         return found
 
     def _unseen(self, unconfirmed: Collection[Atom], now_ns: int) -> dict[Atom, int]:
@@ -201,14 +268,14 @@ class Calm:
         if len(left) > MOST_FLIPS or not result.diagnoses:  # none found in time: there is no act yet
             return True
         known = {literal.atom: literal for literal in self._state.sight.vouched()}
-        now = _bad_sets(result)
+        now = bad_sets(result)
         common = frozenset[str].intersection(*map(frozenset, now))
         others: dict[frozenset[tuple[str, ...]], tuple[DiagnosisResult, list[Literal]]] = {}
         for literals in _variants(known, sorted(left)):
             other = await self._diagnose(literals)
             if other.healthy:
                 return True
-            sets = _bad_sets(other)
+            sets = bad_sets(other)
             repaired_anyhow = len(now) == 1 and bool(sets) and all(common <= set(bad) for bad in sets)
             if sets != now and not repaired_anyhow:
                 others.setdefault(sets, (other, literals))
@@ -223,7 +290,8 @@ class Calm:
         return False
 
 
-def _bad_sets(result: DiagnosisResult) -> frozenset[tuple[str, ...]]:
+def bad_sets(result: DiagnosisResult) -> frozenset[tuple[str, ...]]:
+    """Return what each diagnosis blames."""
     return frozenset(diagnosis.bad for diagnosis in result.diagnoses)
 
 

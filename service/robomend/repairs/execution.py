@@ -1,7 +1,7 @@
 """Carry out a plan: check, send, and look whether it worked, step by step.
 
-    predecessors done ──► permitted? ──► preconditions hold in OBS? ──► effect already there? ── yes ──► done
-                                                                            │ no
+    predecessors done ──► permitted? ──► preconditions hold in OBS? ──► effect already there? ── yes ──► done;
+                                                                            │ no            of power: mismatch
         done ◄── OBS shows the effect ◄── await it ◄── result 0 ◄── send ◄── journal the intent
 
 Steps that the plan does not order run side by side. While they run, a watch compares OBS with the state
@@ -49,7 +49,7 @@ from robomend_client.actions import (
     Action,
     ActionResult,
 )
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 WAITED_NS = 10**7
 """After a longer wait for what a step needs, it is looked again whether what it acts on is good by now."""
@@ -213,6 +213,11 @@ class _Run:
                 return
             await self._check_preconditions(step, timing)
             if self._looking.visible(step):
+                if (
+                    step.name == "power_up"
+                ):  # the rest of the plan is for what was off until we switched it on
+                    why = f"{step}: it is on already, and not by this plan"
+                    raise _Stop(Ending.MISMATCH, why, Literal(Atom("on", step.parameters)))
                 self._setting.prediction.begin(step)
                 self._setting.prediction.finish(step)
                 await self._reporting.tell(

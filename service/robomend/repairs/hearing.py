@@ -8,7 +8,7 @@ from functools import partial
 
 from robomend.observations.obs import consequences
 from robomend.planning.influence import influenced
-from robomend.planning.prediction import theory_of
+from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.repairs.conclusions import Silent
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -46,6 +46,7 @@ class Hearing:
         self._signals = signals
         self._since = since or 0
         self._heard: set[Atom] = set()  # reported since then
+        self._complete = False  # whether all were heard once, in this repair
 
     async def hear_all(self, *, explained: bool = False) -> bool:
         """Wait until OBS holds each literal that the observers will report; return whether we had to.
@@ -71,7 +72,7 @@ class Hearing:
                 told = names
                 await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
             await self._next_news()
-        self._anew = False
+        self._anew, self._complete = False, True
         return bool(told)
 
     async def look_at(self, atom: Atom, reason: str) -> None:
@@ -109,8 +110,8 @@ class Hearing:
         if self._anew:
             await self._hear_since()
         silent = {atom for atom in self.observed if not self._state.sight.reported(atom)}
-        if explained and silent:
-            silent -= self._explained(silent)
+        if silent:
+            silent -= self._mute_with_suspects(silent, explained=explained)
         if self._anew:
             board = (await self._robots.board(self._state.id)) if self._state.config.board else None
             silent |= {
@@ -121,17 +122,23 @@ class Hearing:
             }
         return sorted(silent)
 
-    def _explained(self, silent: Collection[Atom]) -> frozenset[Atom]:
-        """Return those of which their observers say that there is nothing to see, as may be where what is
-        blamed has failed: who compares two values has nothing to say while one of them is silent.
+    def _mute_with_suspects(self, silent: Collection[Atom], *, explained: bool) -> frozenset[Atom]:
+        """Return what nobody can judge as it rests on what is suspected: two values match or not while both
+        are there. Once all were heard it need not be said; before, who observes it has to say that there is
+        nothing to see.
         """
         state, parts = self._state, self._state.system.parts
-        gone = [atom for atom in silent if state.sight.nothing_to_see(atom)]
-        blamed = frozenset(name for bad in (state.current and state.current.bad_sets) or () for name in bad)
-        if not gone or not blamed or parts is None:
+        suspects = frozenset(name for bad in (state.current and state.current.bad_sets) or () for name in bad)
+        mute = [
+            atom
+            for atom in silent
+            if (self._complete and atom.predicate not in OBSERVED_FACTS)
+            or (explained and state.sight.nothing_to_see(atom))
+        ]
+        if parts is None or not suspects or not mute:
             return frozenset()
         _, system, _ = state.question(())
-        return influenced(parts, theory_of(system.cnf), blamed, gone)
+        return influenced(parts, theory_of(system.cnf), suspects, mute)
 
     def _source(self, atom: Atom) -> str | None:
         entry = self._state.obs.get(atom)

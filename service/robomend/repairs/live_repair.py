@@ -20,7 +20,7 @@ from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import Prediction, theory_of
 from robomend.repairs.acts import Acts
-from robomend.repairs.calm import Calm
+from robomend.repairs.calm import Calm, bad_sets
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NAMED, Silent
 from robomend.repairs.confirming import Confirming
@@ -33,6 +33,7 @@ from robomend.repairs.record import RepairRecord
 from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
+from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
@@ -49,6 +50,9 @@ OWN_S = 30.0
 """What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
 to begin."""
 
+
+MOST_ANEW = 5
+"""Of choosing in one round, as what was chosen for has changed meanwhile."""
 
 SOON_S = 0.05
 """How often a diagnosis that is not published yet is looked for."""
@@ -192,6 +196,13 @@ class LiveRepair:
         None: nothing of what is planned for is blamed any more; on a busy computer planning takes a while.
         """
         found = await self._planned(result, looks=True)
+        for _ in range(MOST_ANEW):
+            if not await self._too_early(found, result):
+                break
+            result = await self.diagnose()
+            if result.healthy:
+                return None
+            found = await self._planned(result, looks=True)
         if found.probe is not None:
             await self._hearing.look_at(found.probe.atom, found.reason)
             result = await self._newest()
@@ -210,6 +221,14 @@ class LiveRepair:
             self._confirming.begins(entries)
             self._first = await self._record.begin_round(found, result, entries)
         return found
+
+    async def _too_early(self, choice: Choice, result: DiagnosisResult) -> bool:
+        """Whether to choose anew: it was waited before a cut of power, or nothing can be done for what is not
+        so any more. To give up is an act, too.
+        """
+        if choice.plan is not None or self._record.data.get("wanted"):
+            return await self._calm.waits_with_cut(choice, result)
+        return bad_sets(await self._newest()) != bad_sets(result)
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
         return await self._signals.unless_halted(
@@ -284,6 +303,8 @@ class LiveRepair:
         """
         parts = self._state.system.parts
         bad = {p.atom.args[0] for p in step.preconditions if p.positive and p.atom.predicate == "bad"}
+        if step.name == "power_up" and step.parameters[0] not in self._acts.left_off():
+            await self._look_at_power(step)
         if parts is None or not bad or not bad <= self._judged:
             return None
         topics = [Atom("ok", (topic,)) for topic in sorted(published(parts, bad))]
@@ -304,6 +325,16 @@ class LiveRepair:
         except Halted:  # which ends the execution itself
             return None
         return f"{', '.join(map(str, seen[:NAMED]))} by now: {', '.join(sorted(bad))} is not touched"
+
+    async def _look_at_power(self, step: Step) -> None:
+        """Before power is switched on: it may be on again, and the board is about to say so."""
+        board, on, sight = self._state.config.board, Atom("on", step.parameters), self._state.sight
+        began_ns = CLOCK.now_ns()
+        deadline = time.monotonic() + min(1.2 / board.rate_hz if board else 0.0, Timing().hold_s)
+        while sight.value(on) is False and sight.repeated_ns <= began_ns:
+            if (left_s := deadline - time.monotonic()) <= 0:
+                return
+            await self._state.changed(self._state.revision, min(left_s, NEWS_S))
 
     # --- give up
 
@@ -377,10 +408,13 @@ class LiveRepair:
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine.
 
-        A start that found its process there was none: it is stopped first, by the next plan.
+        A start that found its process there was none: it is stopped first, by the next plan. Nor was a round
+        that did nothing, as the robot was not as it was planned for any more.
         """
         ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
-        if self._acts.found_there(execution.steps) and not helped:
+        nothing = not any(report.sent_ns for report in execution.steps) and not execution.kept
+        overtaken = nothing and execution.ending is Ending.MISMATCH
+        if (overtaken or self._acts.found_there(execution.steps)) and not helped:
             await self._record.end_round(*ending, helped=False, entries=entries)
             return
         assert choice.diagnosis is not None

@@ -124,10 +124,13 @@ class Looking:
         Args:
             sent_ns: when the step was sent: what it starts begins after that, be it before it has answered.
         """
+        # What nobody reports of a device any more comes by its driver, which may have to be restarted first.
+        by_driver = action in POWER_ACTIONS
         awaited = frozenset(
             literal
             for literal in wanted
-            if literal.atom in self._observed or self._sight.reported(literal.atom)
+            if self._sight.reported(literal.atom)
+            or (literal.atom in self._observed and not (by_driver and literal.atom.predicate == "ok"))
         )
 
         def missing() -> frozenset[Literal] | None:

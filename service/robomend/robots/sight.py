@@ -70,6 +70,7 @@ class Sight:
         "_taken_back",
         "declared",
         "power_back",
+        "repeated_ns",
         "start_ups",
         "twins",
         "unconfirmed",
@@ -90,6 +91,7 @@ class Sight:
         self._taken_back: dict[Atom, int] = {}  # what is said to be unknown -> since when
         self._powerless: set[str] = set()  # devices that were last heard to be off
         self.power_back: dict[str, int] = {}  # device -> when it was heard to be on, after it was off
+        self.repeated_ns = 0  # when the board last said what it had said before
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.start_ups = StartUps()
@@ -144,9 +146,11 @@ class Sight:
         if onset_ns is None:
             return {}
         found: dict[Atom, int] = {}
-        tellers = {BOARD, *(entry.source for entry in symptoms)}
-        for entry in entries:
-            if not entry.positive or entry.source in tellers:
+        tellers, left = {BOARD, *(entry.source for entry in symptoms)}, frozenset(self.not_confirmed())
+        for entry in robot.obs.entries():  # also what has lapsed meanwhile
+            if not entry.positive or entry.source in tellers or entry.atom in left:
+                continue
+            if entry.expires_ns is not None and entry.expires_ns < onset_ns:
                 continue
             noticed_ns = onset_ns + self.delays(entry.atom).detection_ns
             if self._heard.silent_since(entry.source, noticed_ns):
@@ -361,6 +365,11 @@ class Sight:
             if silent is not None and entry.source != reporter and entry.positive and entry.fresh(now_ns):
                 yield entry.atom, f"{entry.source} is, which was not heard", *silent
 
+    def heard_again_ns(self, source: str) -> int | None:
+        """Return since when a source is heard again that was silent for unusually long, the last time."""
+        silent = self._heard.interruption(source)
+        return None if silent is None else silent[1]
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now; of
         what does not hold any more, since when it did the last time.
@@ -417,17 +426,17 @@ class Sight:
     def heard(self, reported: Iterable[Entry], changed: Iterable[Entry]) -> None:
         """Take note of who has spoken just now, whether it was news or not."""
         new, now_ns = frozenset(entry.atom for entry in changed), CLOCK.now_ns()
-        spoke: dict[str, tuple[int, bool, bool]] = {}
+        spoke: dict[str, tuple[int, bool, int]] = {}
         for entry in reported:
-            said_ns, again, mortal = spoke.get(entry.source, (0, False, False))
+            said_ns, again, lives_ns = spoke.get(entry.source, (0, False, 0))
             spoke[entry.source] = (
                 max(said_ns, entry.time_ns),
                 again or entry.atom not in new,
-                mortal or entry.expires_ns is not None,
+                max(lives_ns, (entry.expires_ns or entry.time_ns) - entry.time_ns),
             )
-        for source, (said_ns, again, mortal) in spoke.items():  # it may have been on its way for long
+        for source, (said_ns, again, lives_ns) in spoke.items():  # it may have been on its way for long
             at_ns = min(now_ns, said_ns + self._clocks.lives_on_ns(source))
-            self._heard.hear(source, at_ns, again=again, mortal=mortal)
+            self._heard.hear(source, at_ns, again=again, lives_ns=lives_ns, arrived_ns=now_ns)
 
     def taken_back(self, atoms: Collection[Atom]) -> None:
         """Take note of what those who reported it say to be unknown from now on."""
@@ -454,6 +463,7 @@ class Sight:
 
     def said_again(self, literals: Collection[Literal], time_ns: int) -> None:
         """Take note of literals that a source says anew, at this time, and that OBS holds as they are."""
+        self.repeated_ns = time_ns
         held = (self._robot.obs.get(literal.atom) for literal in literals if literal.atom in self.unconfirmed)
         same = (entry for entry in held if entry is not None and entry.literal in literals)
         if self.unconfirmed.hear(replace(entry, since_ns=time_ns) for entry in same):
