@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from pathlib import Path
 
 import polars as pl
 import pytest
+import zstandard
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from rosbags.rosbag1 import Writer
 from tests.robomend_batch import recordings
 from tests.robomend_batch.recordings import EPOCH_NS, steady, write, write_bag, write_ros2
@@ -160,9 +162,9 @@ def test_a_length_that_cannot_be_is_damage(
     else:
         data[begin + 1 : begin + 9] = length.to_bytes(8, "little")
     log.write_bytes(data)
-    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
     (told_of,) = logs(tmp_path / "out")
-    assert told_of["state"] == "ended-early"
+    assert [problem["reason"] for problem in told_of["problems"] if "summary" in problem["reason"]]
     assert told_of["end_ns"] == EPOCH_NS + round(3.95 * SECOND)  # all messages stand before it
 
 
@@ -183,13 +185,15 @@ def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) ->
     ("compression", "part"),
     [(CompressionType.ZSTD, "data"), (CompressionType.LZ4, "data"), (CompressionType.ZSTD, "index")],
 )
-def test_a_chunk_that_cannot_be_read_ends_the_log_there(
+def test_a_damaged_chunk_costs_that_chunk(
     compression: CompressionType, part: str, rover: tuple[Path, Path], tmp_path: Path
 ) -> None:
     model, observers = rover
     log = tmp_path / "a.mcap"
     with log.open("wb") as file:
         drive_in_chunks(file, drive(20.0), compression=compression)
+    given = ("--observers", observers)
+    assert batch_run(tmp_path / "whole", log, *given, model=model) == 0
     with log.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -201,10 +205,48 @@ def test_a_chunk_that_cannot_be_read_ends_the_log_there(
         begin = chunk.chunk_start_offset + chunk.chunk_length
     data[begin : begin + 60] = bytes(60)
     log.write_bytes(data)
+    code = batch_run(tmp_path / "out", log, *given, model=model)
+    (told_of,) = logs(tmp_path / "out")
+    before, after = told(tmp_path / "whole"), told(tmp_path / "out")
+    if part == "index":  # the chunk itself has all of it
+        assert (code, told_of["state"], after) == (0, "ok", before)
+        assert "its index disagree" in told_of["problems"][-1]["reason"]
+        return
+    assert (code, told_of["state"]) == (2, "bad")
+    assert f"the chunk at byte {chunk.chunk_start_offset} is damaged" in told_of["problems"][-1]["reason"]
+    assert told_of["end_ns"] == EPOCH_NS + round(19.95 * SECOND)
+    hole_s = (chunk.message_start_time - EPOCH_NS) / SECOND
+    (unknown,) = [start for start, state, _ in after if state == "unknown" and start > 1]
+    assert unknown == pytest.approx(hole_s, abs=0.1)
+    assert [one for one in after if one[0] < hole_s - 0.1] == [one for one in before if one[0] < hole_s - 0.1]
+    assert after[-1][1:] == before[-1][1:]
+
+
+@pytest.mark.parametrize("honest", [True, False])
+def test_a_chunk_that_unpacks_to_more_than_real_ones_do_costs_that_chunk(
+    honest: bool, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Whether it says how much it holds or not, it is not unpacked beyond that."""
+    model, observers = rover
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        drive_in_chunks(file, drive(8.0), index_types=IndexType.NONE, use_statistics=False)
+    data = log.read_bytes()
+    (length,) = struct.unpack_from("<Q", data, 9)
+    at = 8 + 9 + length  # behind the header: the first chunk
+    (length,) = struct.unpack_from("<Q", data, at + 1)
+    packed = zstandard.compress(bytes(200 << 20))
+    head = data[at + 9 : at + 25] + struct.pack("<QI", 200 << 20 if honest else 4000, 0)
+    content = head + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    behind = at + 9 + length
+    bomb = data[at : at + 1] + struct.pack("<Q", len(content)) + content
+    log.write_bytes(data[:behind] + bomb + data[behind:])
     assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
     (told_of,) = logs(tmp_path / "out")
-    assert told_of["state"] == "ended-early"
-    assert EPOCH_NS + 4 * SECOND < told_of["end_ns"] < EPOCH_NS + 16 * SECOND
+    assert told_of["state"] == "bad"
+    reasons = [problem["reason"] for problem in told_of["problems"]]
+    assert any(f"the chunk at byte {behind} is damaged" in reason for reason in reasons)
+    assert told_of["end_ns"] == EPOCH_NS + round(7.95 * SECOND)
 
 
 def test_a_db3_whose_schema_is_damaged_is_refused_in_words(rover: tuple[Path, Path], tmp_path: Path) -> None:

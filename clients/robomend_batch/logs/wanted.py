@@ -135,11 +135,18 @@ class Wants:
 
     def _extract(self, channel: Channel, field: str, source: str) -> Callable[[bytes], Any]:
         from robomend_batch.logs.columns import compile_column
-        from robomend_batch.logs.fields import compile_field, plain
+        from robomend_batch.logs.fields import compile_field, plain, plain_cdr
 
         store = self._store(channel)
-        unpack = store.deserialize_cdr if channel.cdr else store.deserialize_ros1
         name = channel.type_name
+
+        def unpack(data: bytes, name: str) -> Any:
+            return (
+                store.deserialize_cdr(plain_cdr(data), name)
+                if channel.cdr
+                else store.deserialize_ros1(data, name)
+            )
+
         if is_board(source):
             return lambda data: measured(source, plain(getattr(unpack(data, name), field)))
         if source in WHOLE:
@@ -167,6 +174,7 @@ class Wants:
                         f"header.stamp.{part}",
                         cdr=channel.cdr,
                         whole=_no_need,
+                        exact=False,
                     )
                     for part in ("sec", "nanosec")
                 )
