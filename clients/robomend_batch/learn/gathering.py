@@ -24,7 +24,7 @@ from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
 from robomend_batch.logs.wanted import WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
-from robomend_client.observers.diagnostic import LEADING_NUMBER
+from robomend_client.observers.diagnostic import number_of
 
 MOST_TIMES = 5_000_000
 MOST_VALUES = 20_000
@@ -297,9 +297,9 @@ class _Reader:
         if publisher:
             mine.publishers.add("/" + publisher.strip("/"))
         for pair in status["values"]:
-            leading = LEADING_NUMBER.match(str(pair["value"]))
-            if leading is not None:
-                mine.numbers[str(pair["key"])].add(self._log, time_ns, float(leading[0]))
+            read = number_of(str(pair["value"]))
+            if read is not None:
+                mine.numbers[str(pair["key"])].add(self._log, time_ns, read)
 
 
 def number_fields(fields: Mapping[str, Any], type_name: str, depth: int = 0) -> list[str]:
