@@ -102,6 +102,7 @@ def write_bag(
     stamp_s: float = 0.0,
     silent: Iterable[str] = (),
     chunk_bytes: int = 1 << 20,
+    namespace: str = "",
 ) -> Path:
     """Write a ROS 1 bag; headers are stamped `stamp_s` after the record."""
     samples = sorted(samples, key=lambda sample: sample[0])
@@ -109,7 +110,7 @@ def write_bag(
     writer.chunk_threshold = chunk_bytes
     with writer:
         connections = {
-            topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS1)
+            topic: writer.add_connection(f"{namespace}/{topic}", KINDS[topic], typestore=ROS1)
             for topic in dict.fromkeys([*(topic for _, topic, _ in samples), *silent])
         }
         for number, (time, topic, value) in enumerate(samples):

@@ -46,6 +46,34 @@ def test_faults_of_a_drive_are_found_in_every_format_and_alike(
     assert imu == [["imu_node"]]
 
 
+@pytest.mark.parametrize(
+    ("more", "source"),
+    [
+        ("ros1: {namespace: /robot1}", "diagnostics"),
+        ("ros2: {namespace: robot1/, names: {scan: /robot1/scan}}", "diagnostics"),
+        ("ros1: {namespace: /robot1}", "/robot1/diagnostics"),
+        ("zenoh: {namespace: /robot1}", "robot1/diagnostics:status"),
+    ],
+)
+def test_a_robot_in_a_namespace_is_diagnosed_by_the_agents_own_file(
+    more: str, source: str, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Its diagnostics are remapped into it, and statuses are known by their type."""
+    model, observers = rover
+    samples = [
+        (at_s, topic, 90.0 if topic == "diagnostics" and at_s > 5 else v) for at_s, topic, v in drive()
+    ]
+    write_bag(tmp_path / "plain.bag", samples)
+    write_bag(tmp_path / "robot.bag", samples, namespace="/robot1")
+    given = ("--observers", observers)
+    assert batch_run(tmp_path / "plain", tmp_path / "plain.bag", *given, model=model) == 0
+    text = observers.read_text().replace("{kind: diagnostic,", f'{{kind: diagnostic, source: "{source}",')
+    observers.write_text(f"{text}\n{more}\n")
+    assert batch_run(tmp_path / "robot", tmp_path / "robot.bag", *given, model=model) == 0
+    assert told(tmp_path / "robot") == told(tmp_path / "plain")
+    assert any("not ok(hokuyo)" in one["observations"] for one in intervals(tmp_path / "robot"))
+
+
 @pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
 def test_where_stamps_suffice_the_index_says_the_same(
     name: str, rover: tuple[Path, Path], tmp_path: Path

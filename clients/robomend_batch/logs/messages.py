@@ -83,7 +83,8 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     by_header = opened.by_header
     reading: _Reading | None = opened.begun
     with opened.problems.told_before(reading is not None):
-        wants = Wants(recording.channels, observing.specs, path, opened.problems, by_header)
+        given = recording.channels, observing.specs, path, opened.problems, by_header
+        wants = Wants(*given, observing.names)
         _tell(recording, path, opened.problems)
     if not wants.specs:
         raise LogRefused("none of the observers' topics is in it", str(path))
@@ -103,8 +104,8 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     driver, restarts, changes = reading.driver, reading.restarts, reading.changes
     latest_ns, hole = reading.latest_ns, reading.hole
     together = isinstance(recording, InStretches) and not by_header
-    given: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
-    for stretch, place in given.stretches(wants.channels, reading.place):
+    stretches: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
+    for stretch, place in stretches.stretches(wants.channels, reading.place):
         if isinstance(stretch, Chunk) and wants.taken(stretch, driver):
             opened.rows += stretch.count
             stretch = ()
