@@ -215,8 +215,7 @@ class IndexedMcap(Chunked):
                 return None
             if channel in wanted:
                 index = np.frombuffer(block, INDEX, size // INDEX.itemsize, at + INDEX_HEAD.size)
-                times_ns = _times(index["time"])
-                places = np.minimum(index["offset"], LATEST).astype(np.int64)
+                times_ns, places = index["time"].astype(np.int64), index["offset"].astype(np.int64)
                 if not (places[1:] > places[:-1]).all():
                     order = np.argsort(places, kind="stable")
                     times_ns, places = times_ns[order], places[order]
@@ -506,21 +505,19 @@ def _checked(
         if places[0] < 0 or places[-1] + RECORD.size + MESSAGE_HEAD.size > len(packed):
             return None
         heads = packed[places[:, None] + np.arange(HEAD.itemsize)].view(HEAD)[:, 0]
-        ends = places + (RECORD.size + np.minimum(heads["length"], LATEST).astype(np.int64))
+        lengths = heads["length"].astype(np.int64)
+        ends = places + (RECORD.size + lengths)
         if (
             (heads["operation"] != MESSAGE).any()
             or (heads["channel"] != channel).any()
-            or (_times(heads["time"]) != times_ns).any()
-            or (heads["length"] < MESSAGE_HEAD.size).any()
+            or (heads["time"].astype(np.int64) != times_ns).any()
+            or (lengths < MESSAGE_HEAD.size).any()
+            or (lengths > len(packed)).any()
             or (ends > len(packed)).any()
         ):
             return None
         found[channel] = times_ns, places + (RECORD.size + MESSAGE_HEAD.size), ends
     return found
-
-
-def _times(times: Times) -> Times:
-    return np.minimum(times, LATEST).astype(np.int64)
 
 
 def _time(time_ns: int) -> int:
