@@ -127,9 +127,8 @@ class IndexedBag(Chunked):
         if not left <= known.keys():
             raise ValueError("a connection is not in its index")
         for part in parts:
-            if left <= found.keys():
-                break
-            if not left.isdisjoint(part.chunk.counts):
+            if not left.isdisjoint(part.chunk.counts):  # the first chunk of a topic declares it
+                left -= part.chunk.counts.keys()
                 try:
                     data = self._data(part.chunk)
                     for header, begin, end in _messages(data):

@@ -150,9 +150,8 @@ class IndexedMcap(Chunked):
         schemas: dict[int, Schema] = {}
         found: dict[int, Channel] = {}
         for chunk in chunks:
-            if left <= found.keys():
-                break
-            if not left.isdisjoint(chunk.message_index_offsets):
+            if not left.isdisjoint(chunk.message_index_offsets):  # the first chunk of a topic declares it
+                left -= chunk.message_index_offsets.keys()
                 for operation, content in _records(self._data(chunk)):
                     if operation != MESSAGE:
                         _declared(operation, content, schemas, found)
