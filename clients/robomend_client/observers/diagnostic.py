@@ -317,8 +317,11 @@ class DiagnosticObserver:
 
 
 def _pattern(name: str) -> re.Pattern[str]:
-    """Return what matches a name as it is written, where `*` is any text and `?` any character."""
-    parts = (".*" if one == "*" else "." if one == "?" else re.escape(one) for one in name)
+    """Return what matches a name as it is written; `*` is any text, `?` any character, `[*]` an asterisk."""
+    parts = (
+        re.escape(one[0][1]) if len(one[0]) > 1 else {"*": ".*", "?": "."}.get(one[0], re.escape(one[0]))
+        for one in re.finditer(r"\[[*?[]\]|.", name, re.DOTALL)
+    )
     return re.compile("".join(parts) + r"\Z", re.DOTALL)
 
 
