@@ -1,7 +1,8 @@
 """The observers of a run: those of an agent's file, the same ones as on the robot.
 
-`agent.yaml` itself will do: its sections `topics:` (with `rate:`), `observers:` and `lenient:` are read, the
-rest is the agent's. A file with nothing but observers, with or without `observers:` above them, will do.
+`agent.yaml` itself will do: its sections `topics:` (with `rate:`), `observers:` and `lenient:` are read, and
+what `ros1:`, `ros2:` and `zenoh:` say of names; the rest is the agent's. A file with nothing but observers,
+with or without `observers:` above them, will do.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from pathlib import Path
 from robomend.errors import InputError, ObservationError
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown
+from robomend_client.bridges.names import Names
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.kinds import ObserverSpec, read_lenient, read_observers, read_topics
 from robomend_client.yaml_reader import ConfigError, Section, read
 from robomend_client.yaml_tree import Mapping, read_tree
 
 SECTIONS = ("observers", "topics", "lenient", "rate")
+BRIDGES = ("ros1", "ros2", "zenoh")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,8 @@ class Observing:
 
     specs: tuple[ObserverSpec, ...]
     lenient: frozenset[Atom]
+    names: tuple[Names, ...] = ()
+    """What ROS calls the topics, by each bridge."""
 
 
 def load_observers(file: Path, *, code: bool = True) -> Observing:
@@ -48,11 +53,15 @@ def load_observers(file: Path, *, code: bool = True) -> Observing:
             _refuse_code(top)
         specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, file.resolve().parent))
         lenient = read_lenient(top)
+        bridges = [top.section(name) for name in BRIDGES if name in top]
+        names = tuple(
+            Names(bridge.text("namespace", "/"), bridge.section("names").words()) for bridge in bridges
+        )
     except ConfigError as error:
         raise InputError(str(error)) from error
     if not specs:
         raise InputError(f"{file}: it names no observers, neither in `topics:` nor in `observers:`")
-    return Observing(specs, lenient)
+    return Observing(specs, lenient, names)
 
 
 def _refuse_code(top: Section) -> None:

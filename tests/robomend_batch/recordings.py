@@ -96,13 +96,21 @@ def message(store: Any, topic: str, value: Any, stamp_ns: int, name: str) -> Any
 
 
 def write_bag(
-    file: Path, samples: Iterable[Sample], *, stamp_s: float = 0.0, silent: Iterable[str] = ()
+    file: Path,
+    samples: Iterable[Sample],
+    *,
+    stamp_s: float = 0.0,
+    silent: Iterable[str] = (),
+    chunk_bytes: int = 1 << 20,
+    namespace: str = "",
 ) -> Path:
     """Write a ROS 1 bag; headers are stamped `stamp_s` after the record."""
     samples = sorted(samples, key=lambda sample: sample[0])
-    with Writer1(file) as writer:
+    writer = Writer1(file)
+    writer.chunk_threshold = chunk_bytes
+    with writer:
         connections = {
-            topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS1)
+            topic: writer.add_connection(f"{namespace}/{topic}", KINDS[topic], typestore=ROS1)
             for topic in dict.fromkeys([*(topic for _, topic, _ in samples), *silent])
         }
         for number, (time, topic, value) in enumerate(samples):

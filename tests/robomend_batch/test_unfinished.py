@@ -128,7 +128,10 @@ def agents(file: Path) -> None:
 
 
 def recording(file: Path) -> None:
-    write(file, drive())
+    if file.suffix == ".bag":
+        write_bag(file, drive(), chunk_bytes=20_000)
+    else:
+        write(file, drive())
 
 
 def cut(file: Path) -> None:
@@ -140,7 +143,7 @@ def cut(file: Path) -> None:
 def twice(file: Path) -> None:
     """A bag in whose middle time goes back, so that it is not in the order of time."""
     again: list[Sample] = [(time + 8.0, topic, value) for time, topic, value in drive(4.0)]
-    write_bag(file, [*drive(), *again], stamp_s=0.0)
+    write_bag(file, [*drive(), *again], stamp_s=0.0, chunk_bytes=20_000)
 
 
 def chunks(file: Path) -> None:

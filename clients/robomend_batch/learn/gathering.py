@@ -20,11 +20,11 @@ from rosbags.interfaces import Nodetype
 from robomend_batch.learn.stretches import Stretch, Times, cut
 from robomend_batch.logs.fields import compile_field, plain
 from robomend_batch.logs.kinds import RECORDINGS, kind_of
-from robomend_batch.logs.recorded import Channel, Recording, Unreadable
+from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
 from robomend_batch.logs.wanted import WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
-from robomend_client.observers.diagnostic import LEADING_NUMBER
+from robomend_client.observers.diagnostic import number_of
 
 MOST_TIMES = 5_000_000
 MOST_VALUES = 20_000
@@ -214,6 +214,8 @@ class _Reader:
         unpacked = self._diagnostics.keys() | self._discovery.keys() | self._fields.keys()
         wanted = {number: number in unpacked for number in times}
         for time_ns, number, data in recording.messages(wanted):
+            if number == HOLE:
+                continue
             mine = times[number]
             if len(mine) < MOST_TIMES:
                 mine.append(time_ns)
@@ -230,6 +232,8 @@ class _Reader:
                 reason = f"nothing is learned from more than {MOST_TIMES:,} messages"
                 found.problems.add(f"{self._path}: {channel.topic}", reason, bad=False)
             topic.times[self._log].append(np.array(times[channel.number], dtype=np.int64))
+        for reason, bad in recording.notes.take():
+            found.problems.add(str(self._path), reason, bad=bad)
         if recording.cut is not None:
             found.problems.add(str(self._path), f"ended early: {recording.cut}", bad=True)
         found.names.append(str(self._path))
@@ -293,9 +297,9 @@ class _Reader:
         if publisher:
             mine.publishers.add("/" + publisher.strip("/"))
         for pair in status["values"]:
-            leading = LEADING_NUMBER.match(str(pair["value"]))
-            if leading is not None:
-                mine.numbers[str(pair["key"])].add(self._log, time_ns, float(leading[0]))
+            read = number_of(str(pair["value"]))
+            if read is not None:
+                mine.numbers[str(pair["key"])].add(self._log, time_ns, read)
 
 
 def number_fields(fields: Mapping[str, Any], type_name: str, depth: int = 0) -> list[str]:

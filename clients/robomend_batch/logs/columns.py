@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robomend_client.bridges.unpacking import Fields, layout
+from robomend_client.bridges.unpacking import Fields, Steps, layout
 
 Places = NDArray[np.int64]
 
@@ -23,17 +23,34 @@ def compile_column(fields: Fields, type_name: str, path: str, *, cdr: bool) -> C
     found = layout(fields, type_name, path, cdr=cdr)
     if found is None:
         return None
-    prefix, steps, kind = found
+    prefix, steps, kind, behind = found
     size = struct.calcsize(kind)
     number = np.dtype("<" + kind)
 
     def read(data: NDArray[np.uint8], begins: Places, ends: Places) -> NDArray[np.float64] | None:
         origin = begins
         if cdr:
-            if (begins + 4 > ends).any() or not (data[begins + 1] & 1).all():  # big endian
+            if (begins + 4 > ends).any() or data[begins].any() or not (data[begins + 1] == 1).all():
                 return None
             origin = begins + 4
-        at = np.full(len(begins), prefix, dtype=np.int64)
+        at = skipped(steps, data, origin, np.full(len(begins), prefix, dtype=np.int64), ends)
+        if at is None:
+            return None
+        if cdr:
+            at = _aligned(at, size)
+        values = _gathered(data, origin + at, ends, number)
+        at = None if values is None else skipped(behind, data, origin, at + size, ends)
+        if values is None or at is None:
+            return None
+        spare = ends - origin - at  # CDR may be padded
+        if (spare < 0).any() or (spare > (3 if cdr else 0)).any():
+            return None
+        return values.astype(np.float64)
+
+    def skipped(
+        steps: Steps, data: NDArray[np.uint8], origin: Places, at: Places, ends: Places
+    ) -> Places | None:
+        """Return where each message goes on behind these steps; None if one ends before."""
         for step, align, width in steps:
             if step == "numbers":
                 at = (_aligned(at, align) if cdr else at) + width
@@ -43,16 +60,13 @@ def compile_column(fields: Fields, type_name: str, path: str, *, cdr: bool) -> C
             count = _gathered(data, origin + at, ends, _COUNT)
             if count is None:
                 return None
-            at += 4
+            at = at + 4
             if step == "string":
                 at += count
             else:
                 behind = (_aligned(at, align) if cdr else at) + width * count
                 at = np.where(count > 0, behind, at)
-        if cdr:
-            at = _aligned(at, size)
-        values = _gathered(data, origin + at, ends, number)
-        return None if values is None else values.astype(np.float64)
+        return at
 
     return read
 

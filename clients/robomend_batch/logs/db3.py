@@ -1,22 +1,31 @@
-"""ROS 2 recordings in SQLite (.db3). Those before Iron do not say what their types are made of: ROS 2's own
-types are known nevertheless.
+"""ROS 2 recordings in SQLite (.db3). Those before Iron do not say what their types are made of: the types of
+ROS 2 itself are known nevertheless.
+
+SQLite has no checksums, but it has the time of each message twice: in its row and in an index. Where they
+disagree, what is near the messages before and after is right, and the log is a bad one.
 """
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from robomend_batch.logs.db3_cut import CutDb3
-from robomend_batch.logs.recorded import DAMAGED, Channel, Message, Recording, Unreadable
+from robomend_batch.logs.recorded import DAMAGED, HOLE, Channel, Message, Notes, Recording, Unreadable, hole
+from robomend_client.observers.driver import JUMP_NS
 
 HEADER = struct.Struct(">16xH10xI")
 """Of an SQLite file: the size of a page, and how many there are."""
 
+
+MOST_FAR = 100
+"""Stamps far from their neighbours that are left out at the beginning of a file, and at its end."""
 
 DAMAGE = (*DAMAGED, sqlite3.Error)
 """What comes of damaged pages: errors of SQLite, whose text may be no UTF-8, and columns of other kinds."""
@@ -81,29 +90,92 @@ class Db3:
     """See the module."""
 
     by_time = True
+    start_ns: int | None
+    end_ns: int | None
 
     def __init__(self, path: Path) -> None:
         self.cut: str | None = None
+        self.notes = Notes()
+        self._rows: _Rows | None = None  # where the index does not agree with them
         self._base = _opened(path)
         try:
             self.channels = _channels(self._base)
-            query = "SELECT min(timestamp), max(timestamp) FROM messages"
-            self.start_ns, self.end_ns = self._base.execute(query).fetchone()
-            if not isinstance(self.end_ns, int | None):
-                raise ValueError(f"a time that is {self.end_ns!r}")
+            self._check()
+            self._compare(path)
         except DAMAGE as error:
             self._base.close()
             raise Unreadable(f"no recording, or damaged: {error}") from error
 
+    def _check(self) -> None:
+        """Hold rows and index against each other."""
+        first = self._base.execute("SELECT timestamp FROM messages NOT INDEXED LIMIT 1").fetchone()
+        if first is None:
+            self.start_ns = self.end_ns = None
+            return
+        near_ns = first[0] if isinstance(first[0], int) else 0
+        sums = f"count(*), sum(timestamp - {near_ns}), sum(id), min(timestamp), max(timestamp)"
+        table = self._sums(
+            f"SELECT {sums}, sum(topic_id NOT IN (SELECT id FROM topics)) FROM messages NOT INDEXED"
+        )
+        if table and table[5]:
+            self.notes.add("damaged: messages are of topics that are not there", bad=True)
+        query = "SELECT count(*) FROM sqlite_master WHERE type = 'index' AND name = 'timestamp_idx'"
+        has_index = self._base.execute(query).fetchone()[0]
+        index = self._sums(f"SELECT {sums} FROM messages INDEXED BY timestamp_idx") if has_index else None
+        if table is not None and (index == table[:5] or not has_index) and isinstance(table[4], int):
+            self.start_ns, self.end_ns = self._edge(table[3], 1), self._edge(table[4], -1)
+            return
+        self.notes.add("damaged: its rows and its index disagree about times", bad=True)
+        self._rows = _Rows(self._base, self.notes, has_index)
+        self.start_ns, self.end_ns = self._rows.bounds()
+
+    def _sums(self, query: str) -> tuple[Any, ...] | None:
+        try:
+            return tuple(self._base.execute(query).fetchone())
+        except DAMAGE:
+            return None
+
+    def _edge(self, time_ns: int, way: int) -> int:
+        """Return the first time, or the last one, that is not far from those of the rows around it."""
+        than, order = (">", "ASC") if way > 0 else ("<", "DESC")
+        query = (
+            f"SELECT id, timestamp FROM messages WHERE timestamp {than}= ? ORDER BY timestamp {order} LIMIT 2"
+        )
+        for _ in range(MOST_FAR):
+            rows = self._base.execute(query, (time_ns,)).fetchall()
+            if len(rows) < 2 or abs(rows[1][1] - time_ns) <= JUMP_NS:
+                break
+            around = self._base.execute(
+                "SELECT timestamp FROM messages WHERE id IN (?, ?)", (rows[0][0] - 1, rows[0][0] + 1)
+            ).fetchall()
+            times = [one for (one,) in around]
+            if len(times) < 2 or abs(times[0] - times[1]) > JUMP_NS:
+                break
+            self.notes.far()
+            time_ns = rows[1][1]
+        return time_ns
+
+    def _compare(self, path: Path) -> None:
+        """Hold the topics against what the recorder wrote about all of them when it was done."""
+        names = _names(self._base, path)
+        here = {f"/{channel.topic}" for channel in self.channels}
+        if names and not here <= names:
+            strange = ", ".join(sorted(here - names))
+            self.notes.add(f"damaged: its metadata do not know the topic {strange}", bad=True)
+
     def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         if not wanted:
             return
-        marks = ",".join(map(str, sorted(wanted)))
-        data = "data" if any(wanted.values()) else "NULL"
-        query = f"SELECT timestamp, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
-        query += " AND timestamp >= ? ORDER BY timestamp, id"
         try:
-            with closing(self._base.execute(query, (-1 << 63 if from_ns is None else from_ns,))) as rows:
+            if self._rows is not None:
+                yield from self._rows.messages(wanted, from_ns)
+                return
+            marks = ",".join(map(str, sorted(wanted)))
+            data = "data" if any(wanted.values()) else "NULL"
+            query = f"SELECT timestamp, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
+            query += " AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id"
+            begin_ns = self.start_ns if from_ns is None else max(from_ns, self.start_ns or from_ns)
+            with closing(self._base.execute(query, (begin_ns, self.end_ns))) as rows:
                 for time_ns, number, body in rows:
                     if not isinstance(time_ns, int) or not isinstance(body, bytes | None):
                         raise ValueError(f"a time that is {time_ns!r}, bytes that are {type(body).__name__}")
@@ -113,3 +185,83 @@ class Db3:
 
     def close(self) -> None:
         self._base.close()
+
+
+class _Rows:
+    """The messages of a file whose rows and index disagree."""
+
+    def __init__(self, base: sqlite3.Connection, notes: Notes, has_index: bool) -> None:
+        self._base = base
+        by_row = _until_damaged(base, "SELECT id, timestamp, topic_id FROM messages NOT INDEXED")
+        topics = {number: topic for number, _, topic in by_row}
+        said: dict[int, list[int]] = {}
+        for number, time_ns, _ in by_row:
+            said.setdefault(number, []).append(time_ns)
+        if has_index:
+            query = "SELECT id, timestamp, 0 FROM messages INDEXED BY timestamp_idx"
+            for number, time_ns, _ in _until_damaged(base, query):
+                said.setdefault(number, []).append(time_ns)
+        sure = {number: times[0] for number, times in said.items() if len(set(times)) == 1 and len(times) > 1}
+        order = sorted(said)
+        self._found: list[tuple[int, int, int]] = []  # time, row, topic; a HOLE: the row is lost
+        for at, number in enumerate(order):
+            known = sure.get(number)
+            if known is None:
+                around = [sure[one] for one in (*order[max(0, at - 20) : at][::-1],) if one in sure][:1]
+                around += [sure[one] for one in order[at + 1 : at + 21] if one in sure][:1]
+                near = {
+                    one
+                    for one in said[number]
+                    if around and min(around) - JUMP_NS <= one <= max(around) + JUMP_NS
+                }
+                if len(near) != 1:
+                    notes.far()
+                    continue
+                (known,) = near
+            self._found.append((known, number, topics.get(number, HOLE)))
+        self._found.sort()
+
+    def bounds(self) -> tuple[int | None, int | None]:
+        return (self._found[0][0], self._found[-1][0]) if self._found else (None, None)
+
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None) -> Iterator[Message]:
+        for time_ns, number, topic in self._found:
+            if from_ns is not None and time_ns < from_ns:
+                continue
+            if topic == HOLE:
+                yield hole(time_ns, time_ns)
+            elif topic in wanted:
+                body = None
+                if wanted[topic]:
+                    row = self._base.execute(
+                        "SELECT data FROM messages NOT INDEXED WHERE id = ?", (number,)
+                    ).fetchone()
+                    if row is None or not isinstance(row[0], bytes):
+                        yield hole(time_ns, time_ns)
+                        continue
+                    body = row[0]
+                yield time_ns, topic, body
+
+
+def _until_damaged(base: sqlite3.Connection, query: str) -> list[tuple[int, int, int]]:
+    """Return the rows that can be read, of whole numbers."""
+    found = []
+    try:
+        for row in base.execute(query):
+            if all(isinstance(one, int) for one in row):
+                found.append(row)
+    except DAMAGE:
+        pass
+    return found
+
+
+def _names(base: sqlite3.Connection, path: Path) -> set[str]:
+    """Return the topics that the recorder's metadata name, in the file (since Iron) or beside it."""
+    try:
+        row = base.execute("SELECT metadata FROM metadata ORDER BY id DESC LIMIT 1").fetchone()
+        text = str(row[0]) if row else ""
+    except sqlite3.Error:
+        beside = path.with_name("metadata.yaml")
+        text = beside.read_text("utf-8", errors="replace") if beside.is_file() else ""
+        text = text if path.name in text else ""
+    return set(re.findall(r"^\s*name: [\"']?(/[^\s\"']+)", text, re.MULTILINE))

@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robomend_batch.logs.recorded import Channel, Message, Unreadable
+from robomend_batch.logs.chunk import lone_stamps
+from robomend_batch.logs.recorded import Channel, Message, Notes, Unreadable
 
 ROWS = 13
 """The kind of page that holds rows."""
@@ -63,7 +64,13 @@ class CutDb3:
                 times.append(row.time_ns)
                 topics.append(row.topic)
                 places.append(place)
-        order = np.lexsort((numbers, times)) if times else np.zeros(0, dtype=np.intp)
+        self.notes = Notes()
+        order = np.argsort(numbers, kind="stable") if times else np.zeros(0, dtype=np.intp)
+        lone = lone_stamps(np.array(times)[order])
+        for _ in range(int(lone.sum())):
+            self.notes.far()
+        order = order[~lone]
+        order = order[np.argsort(np.array(times)[order], kind="stable")]
         self._times, self._topics = np.array(times)[order], np.array(topics)[order]
         self._places = np.array(places)[order]
         if not len(order):

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
-from robomend_client.bridges.unpacking import Extract, Fields, unpacker
+from robomend_batch.logs.mcap_chunk import unpacked
+from robomend_client.bridges.unpacking import HEADERS, Extract, Fields, unpacker
+
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How a message begins that rosbag2 has packed by itself (`compression_mode: MESSAGE`)."""
 
 
-def compile_field(fields: Fields, type_name: str, path: str, *, cdr: bool, whole: Extract) -> Extract:
+def plain_cdr(data: bytes) -> bytes:
+    """Return a message as CDR, unpacked if it is packed; ValueError if it is in another encoding."""
+    if data[:4] == ZSTD:
+        data = unpacked("zstd", data)
+    if data[:2] not in HEADERS:
+        raise ValueError("it is no plain CDR")
+    return data
+
+
+def compile_field(
+    fields: Fields, type_name: str, path: str, *, cdr: bool, whole: Extract, exact: bool = True
+) -> Extract:
     """Return a function from a message's bytes to a field of it.
 
     Args:
@@ -16,12 +32,27 @@ def compile_field(fields: Fields, type_name: str, path: str, *, cdr: bool, whole
         path: dotted, e.g. `twist.twist.linear.x`; a number is a place in an array or sequence.
         cdr: ROS 2's encoding, else ROS 1's.
         whole: makes the whole message, for what cannot be skipped.
+        exact: refuse messages that are longer or shorter than their type.
 
     Raises:
         NoField: the type has no such field.
     """
-    alone = unpacker(fields, type_name, path, cdr=cdr)
-    return alone or (lambda data: value_at(whole(data), path))
+    alone = unpacker(fields, type_name, path, cdr=cdr, exact=exact)
+    found = alone or (lambda data: value_at(whole(data), path))
+    if not cdr:
+        return found
+    if alone is None or not exact:
+        return lambda data: found(plain_cdr(data))
+
+    def read(data: bytes) -> Any:
+        try:
+            return found(data)
+        except (ValueError, struct.error, IndexError):
+            if data[:4] != ZSTD:
+                raise
+        return found(plain_cdr(data))
+
+    return read
 
 
 def value_at(message: Any, path: str) -> Any:

@@ -11,14 +11,11 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
-from mcap.records import Channel, Message, Schema
-
 from robomend_batch.logs import lz4_cut
+from robomend_batch.logs.chunk import LARGEST_CHUNK
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -33,29 +30,24 @@ HEAD = struct.Struct("<QQQII")
 LENGTH = struct.Struct("<Q")
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
 
-LARGEST = 1 << 30
 
-
-def left_of_chunk(path: Path) -> Iterator[Schema | Channel | Message]:
-    """Yield the whole records of the chunk in which a file ends; none if it ends elsewhere."""
+def left_of_chunk(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield operation and content of the whole records of the chunk in which a file ends; none if it ends
+    elsewhere.
+    """
     with path.open("rb") as file:
         packed = _cut_chunk(file)
     if packed is None:
         return
-    data = _unpacked(*packed)
+    data = unpacked(*packed)
     at = 0
     while at + RECORD.size <= len(data):
         operation, length = RECORD.unpack_from(data, at)
         at += RECORD.size
         if at + length > len(data):
             return
-        content = ReadDataStream(BytesIO(data[at : at + length]))
-        if operation == SCHEMA:
-            yield Schema.read(content)
-        elif operation == CHANNEL:
-            yield Channel.read(content)
-        elif operation == MESSAGE:
-            yield Message.read(content, length)
+        if operation in (SCHEMA, CHANNEL, MESSAGE):
+            yield operation, data[at : at + length]
         at += length
 
 
@@ -69,7 +61,7 @@ def _cut_chunk(file: BinaryIO) -> tuple[str, bytes] | None:
         at += RECORD.size + length
         if at <= end:
             continue
-        content = file.read(LARGEST) if operation == CHUNK else b""
+        content = file.read(LARGEST_CHUNK) if operation == CHUNK else b""
         if len(content) < HEAD.size:
             return None
         name_bytes = HEAD.unpack_from(content)[-1]
@@ -78,12 +70,22 @@ def _cut_chunk(file: BinaryIO) -> tuple[str, bytes] | None:
     return None
 
 
-def _unpacked(compression: str, data: bytes) -> bytes:
-    """Return as much as there is; ValueError if it is packed in another way."""
+def unpacked(compression: str, data: bytes, most: int = LARGEST_CHUNK) -> bytes:
+    """Return what a chunk holds, of one that is cut off as much as there is, and at most so many bytes.
+
+    Raises:
+        ValueError: it is packed in another way.
+    """
     if compression == "":
         return data
     if compression == "zstd":
-        return zstd.ZstdDecompressor().decompress(data, max_length=LARGEST)
+        found = []
+        while data and most > 0:  # there may be several frames
+            frame = zstd.ZstdDecompressor()
+            found.append(frame.decompress(data, max_length=most))
+            most -= len(found[-1])
+            data = frame.unused_data if frame.eof else b""
+        return found[0] if len(found) == 1 else b"".join(found)
     if compression == "lz4":
-        return lz4_cut.unpacked(data, LARGEST)
+        return lz4_cut.unpacked(data, most)
     raise ValueError(f"packed by {compression}, which is not known")

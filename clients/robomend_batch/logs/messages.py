@@ -20,7 +20,15 @@ import numpy as np
 from robomend.observations.obs import FOREVER
 from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Place, Restart
 from robomend_batch.logs.chunk import Chunk
-from robomend_batch.logs.recorded import InStretches, Recording, Sliced, Unreadable
+from robomend_batch.logs.recorded import (
+    HOLE,
+    UNTIL,
+    InStretches,
+    Message,
+    Recording,
+    Sliced,
+    Unreadable,
+)
 from robomend_batch.logs.wanted import Wants
 from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
@@ -63,6 +71,8 @@ class _Reading:
     changes: Changes
     latest_ns: int
     place: Any = None  # of the recording
+    hole: bool = False  # nothing is known of what came up to …
+    hole_ns: int = 0  # … and to the next message
 
 
 def _observed(recording: Recording, observing: Observing, path: Path, opened: Opened) -> Blocks:
@@ -73,7 +83,9 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     by_header = opened.by_header
     reading: _Reading | None = opened.begun
     with opened.problems.told_before(reading is not None):
-        wants = Wants(recording.channels, observing.specs, path, opened.problems, by_header)
+        given = recording.channels, observing.specs, path, opened.problems, by_header
+        wants = Wants(*given, observing.names)
+        _tell(recording, path, opened.problems)
     if not wants.specs:
         raise LogRefused("none of the observers' topics is in it", str(path))
     if reading is None:
@@ -90,19 +102,23 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
         reading = _Reading(driver, restarts, Changes(opened.words("")), start_ns)
         yield Block("", Restart(start_ns))
     driver, restarts, changes = reading.driver, reading.restarts, reading.changes
-    latest_ns = reading.latest_ns
+    latest_ns, hole = reading.latest_ns, reading.hole
     together = isinstance(recording, InStretches) and not by_header
-    given: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
-    for stretch, place in given.stretches(wants.channels, reading.place):
+    stretches: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
+    for stretch, place in stretches.stretches(wants.channels, reading.place):
         if isinstance(stretch, Chunk) and wants.taken(stretch, driver):
             opened.rows += stretch.count
             stretch = ()
         for message in stretch:
             time_ns, number, data = message
             opened.rows += 1
-            if time_ns > latest_ns:
-                latest_ns = time_ns
+            if number < 0 or hole:
+                yield from _over_hole(reading, message, by_header)
+                hole = reading.hole
+                if hole:
+                    continue
             if by_header:
+                latest_ns = max(latest_ns, time_ns)
                 time_ns = wants.stamp(message)
             for source, extract in wants.of[number]:
                 value = None
@@ -120,17 +136,48 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 changed = driver.sample(source, time_ns, value)
                 if changed or restarts.at_ns is not None:
                     yield from changes.take(changed, restarts.take())
-        reading.latest_ns, reading.place = latest_ns, place
+        reading.latest_ns = latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
+        reading.place = place
+        _tell(recording, path, opened.problems)
         if place is not None:
             yield Block("", Place(reading, (latest_ns - first_ns) / max(1, end_ns - first_ns)))
-    latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
     end_ns = latest_ns if recording.cut else max(end_ns, latest_ns)
     if restarts.seen or by_header:  # the end of the recording is by another clock
         end_ns = driver.now_ns
-    changed = driver.advance(end_ns)
-    yield from changes.take(changed, restarts.take())
+    if reading.hole:  # it ends in what could not be read
+        end_ns = max(driver.now_ns, reading.hole_ns)
+    else:
+        changed = driver.advance(end_ns)
+        yield from changes.take(changed, restarts.take())
     yield from changes.rest()
     yield Block("", Advance(end_ns))
+
+
+def _over_hole(reading: _Reading, message: Message, by_header: bool) -> Blocks:
+    """Begin what could not be read, or end it: what is said of it is that nothing is known."""
+    time_ns, number, data = message
+    driver, restarts = reading.driver, reading.restarts
+    seen = restarts.seen
+    if number == HOLE:
+        (until_ns,) = UNTIL.unpack(data or UNTIL.pack(time_ns))
+        if reading.hole:
+            reading.hole_ns = max(reading.hole_ns, until_ns)
+            return
+        reading.hole, reading.hole_ns = True, until_ns
+        if not by_header:  # by another clock it begins with the last message before it
+            yield from reading.changes.take(driver.advance(time_ns), restarts.take())
+        driver.restart(driver.now_ns)
+        yield from reading.changes.take([], restarts.take())
+    elif time_ns >= reading.hole_ns:
+        reading.hole = False
+        driver.restart(driver.now_ns if by_header else time_ns)
+        restarts.take()
+    restarts.seen = seen
+
+
+def _tell(recording: Recording, path: Path, problems: Problems) -> None:
+    for reason, bad in recording.notes.take():
+        problems.add(str(path), reason, bad=bad)
 
 
 @dataclass(frozen=True, slots=True)

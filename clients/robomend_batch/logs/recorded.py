@@ -5,12 +5,15 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from robomend_client.observers.driver import JUMP_NS
 
 Times = NDArray[np.int64]
 
@@ -19,6 +22,17 @@ SLICE = 4096
 
 Message = tuple[int, int, bytes | None]
 """Time in nanoseconds, channel, and its bytes if they were asked for."""
+
+HOLE = -1
+"""The channel of what is none: from its time on nothing is known, up to the time that its bytes say and up to
+the next message."""
+
+UNTIL = struct.Struct("<q")
+
+
+def hole(start_ns: int, end_ns: int) -> Message:
+    """Say that what was recorded in this time could not be read."""
+    return start_ns, HOLE, UNTIL.pack(max(start_ns, end_ns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +46,91 @@ class Channel:
     idl: bool
     cdr: bool  # ROS 2's encoding, else ROS 1's
     publisher: str = ""  # the node, with its slash; empty: the recording does not say
+
+
+class Notes:
+    """What is wrong with a recording: reason and whether it is read in part for that."""
+
+    def __init__(self) -> None:
+        self._found: list[tuple[str, bool]] = []
+        self._told_before = False
+
+    def add(self, reason: str, *, bad: bool) -> None:
+        """Note something."""
+        if not self._told_before:
+            self._found.append((reason, bad))
+
+    def far(self) -> None:
+        """A stamp is far from its neighbours."""
+        self.add("a stamp is far from those of the messages around it: left out", bad=False)
+
+    def take(self) -> list[tuple[str, bool]]:
+        """Return them, once."""
+        found, self._found = self._found, []
+        return found
+
+    @contextmanager
+    def told_before(self) -> Iterator[None]:
+        """What is noted meanwhile was noted before."""
+        before, self._told_before = self._told_before, True
+        yield
+        self._told_before = before
+
+
+class Span:
+    """First and last time of messages in the order of a file, without stamps far from their neighbours."""
+
+    def __init__(self) -> None:
+        self._first: int | None = None  # nothing came near it yet
+        self._held: int | None = None  # likewise, and it is the newest
+        self._last: int | None = None
+        self._start: int | None = None
+        self._end: int | None = None
+        self._gap_ns = 0
+
+    def add(self, time_ns: int) -> None:
+        """Take in a message's time."""
+        held, last = self._held, self._last
+        if held is None:
+            if last is not None and -JUMP_NS <= time_ns - last <= JUMP_NS:
+                self._accept(time_ns)
+            else:
+                self._held = time_ns
+            return
+        self._held = None
+        if abs(time_ns - held) <= JUMP_NS:
+            self._accept(held)
+            self._accept(time_ns)
+        elif last is None:
+            if self._first is None:
+                self._first = held
+            elif self._first < held < time_ns:
+                self._accept(held)  # a recording of few messages
+            self._held = time_ns
+        elif abs(time_ns - last) <= JUMP_NS:
+            self._accept(time_ns)
+        else:
+            if last < held < time_ns:
+                self._accept(held)
+            self._held = time_ns
+
+    def bounds(self) -> tuple[int, int] | None:
+        """Return the first and the last time; None: there are no messages."""
+        edges = [time_ns for time_ns in (self._first, self._held) if time_ns is not None]
+        if self._start is None or self._end is None:
+            return (min(edges), max(edges)) if edges else None
+        start, end, usual_ns = self._start, self._end, 2 * self._gap_ns + JUMP_NS
+        for time_ns in edges:
+            if start - usual_ns <= time_ns <= end + usual_ns:
+                start, end = min(start, time_ns), max(end, time_ns)
+        return start, end
+
+    def _accept(self, time_ns: int) -> None:
+        if self._last is not None:
+            self._gap_ns = max(self._gap_ns, time_ns - self._last)
+        self._last = time_ns
+        self._start = time_ns if self._start is None else min(self._start, time_ns)
+        self._end = time_ns if self._end is None else max(self._end, time_ns)
 
 
 class Recording(Protocol):
@@ -53,8 +152,11 @@ class Recording(Protocol):
     by_time: bool
     """Whether its messages come in the order of time."""
 
+    notes: Notes
+    """What was wrong with it, since somebody took them."""
+
     def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
-        """Yield the messages of channels.
+        """Yield the messages of channels, and holes.
 
         Args:
             wanted: whether their bytes are needed.

@@ -13,6 +13,7 @@ from robomend_batch.logs.chunk import Chunk
 from robomend_batch.logs.recorded import Channel, Message
 from robomend_batch.problems import Problems
 from robomend_client.bridges.measured import is_board, measured
+from robomend_client.bridges.names import Names
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.kinds import ObserverSpec
@@ -24,6 +25,8 @@ WHOLE = {"diagnostics": ("diagnostics", "status"), "board": ("board_measurments"
 """Sources that are more than times or a number: their topic, and the field that observers get, as the bridges
 have it.
 """
+
+STATUSES = "diagnostic_msgs/msg/DiagnosticArray"
 
 Want = tuple[str, Callable[[bytes], Any] | None]
 """A source, and what makes its value of a message; None: its times suffice."""
@@ -39,7 +42,11 @@ class Wants:
         path: Path,
         problems: Problems,
         by_header: bool,
+        names: Iterable[Names] = (),
     ) -> None:
+        specs = tuple(specs)
+        self._names = tuple(names)
+        self._statuses = {source for spec in specs if spec.kind == "diagnostic" for source in spec.sources}
         self.of: dict[int, list[Want]] = {}
         """Channel -> sources."""
         self.channels: dict[int, bool] = {}
@@ -113,7 +120,9 @@ class Wants:
         topic, field = name.removeprefix("/"), path
         if source in WHOLE or is_board(source):
             topic, field = WHOLE[name]
-        channels = self._by_topic.get(topic)
+        channels = self._channels(topic, source)
+        if source in self._statuses and any(channel.type_name == STATUSES for channel in channels or ()):
+            field = WHOLE["diagnostics"][1]  # on whatever topic they are
         if channels is None:
             self._problems.add(
                 f"{self._path}: {topic}", f"not recorded: what rests on {source} is unknown", bad=False
@@ -133,16 +142,29 @@ class Wants:
                 self._problems.add(f"{self._path}: {topic}", reason, bad=True)
         return wants or None
 
+    def _channels(self, topic: str, source: str) -> list[Channel] | None:
+        """Return the channels of a topic: as the bridges call it, or as it is."""
+        called = [names.ros(topic).removeprefix("/") for names in self._names]
+        in_order = [topic, *called] if source == "diagnostics" else [*called, topic]  # as the bridges have it
+        return next((self._by_topic[name] for name in in_order if name in self._by_topic), None)
+
     def _extract(self, channel: Channel, field: str, source: str) -> Callable[[bytes], Any]:
         from robomend_batch.logs.columns import compile_column
-        from robomend_batch.logs.fields import compile_field, plain
+        from robomend_batch.logs.fields import compile_field, plain, plain_cdr
 
         store = self._store(channel)
-        unpack = store.deserialize_cdr if channel.cdr else store.deserialize_ros1
         name = channel.type_name
+
+        def unpack(data: bytes, name: str) -> Any:
+            return (
+                store.deserialize_cdr(plain_cdr(data), name)
+                if channel.cdr
+                else store.deserialize_ros1(data, name)
+            )
+
         if is_board(source):
             return lambda data: measured(source, plain(getattr(unpack(data, name), field)))
-        if source in WHOLE:
+        if source in WHOLE or (source in self._statuses and name == STATUSES):
             return lambda data: plain(getattr(unpack(data, name), field))
         column = compile_column(store.fielddefs, name, field, cdr=channel.cdr)
         if column is not None:
@@ -167,6 +189,7 @@ class Wants:
                         f"header.stamp.{part}",
                         cdr=channel.cdr,
                         whole=_no_need,
+                        exact=False,
                     )
                     for part in ("sec", "nanosec")
                 )

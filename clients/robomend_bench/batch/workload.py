@@ -124,7 +124,9 @@ def write_recording(file: Path, megabytes: int) -> int:
         while written < megabytes * 1_000_000:
             for offset, topic, size in second:
                 at_ns = seconds * SECOND + round(offset * SECOND)
-                head = b"\0\1\0\0" + struct.pack("<iII", seconds, round(offset * SECOND), 5) + b"base\0\0\0\0"
+                head = (
+                    b"\0\1\0\0" + struct.pack("<iII", seconds, round(offset * SECOND), 5) + b"base" + bytes(8)
+                )
                 head += struct.pack("<dI", float(seconds), size)
                 begin = written % NOISE
                 data = head + noise[begin : begin + size]

@@ -120,10 +120,11 @@ def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: boo
     return make(before.done, last, cdr, after.done if exact else None)
 
 
-def layout(fields: Fields, type_name: str, path: str, *, cdr: bool) -> tuple[int, Steps, str] | None:
-    """Return what is before a number in each message of a type; None where only the whole message has it.
+def layout(fields: Fields, type_name: str, path: str, *, cdr: bool) -> tuple[int, Steps, str, Steps] | None:
+    """Return what is around a number in each message of a type; None where only the whole message has it.
 
-    That is how many bytes at first, then the steps that vary in size, and the number's format (struct).
+    That is how many bytes at first, then the steps that vary in size, the number's format (struct), and the
+    steps behind it.
 
     Args:
         fields: as for `unpacker`, and so are the others.
@@ -132,12 +133,14 @@ def layout(fields: Fields, type_name: str, path: str, *, cdr: bool) -> tuple[int
         NoField: the type has no such field.
     """
     check_path(fields, type_name, path)
-    before = _Steps(fields, cdr)
+    before, after = _Steps(fields, cdr), _Steps(fields, cdr)
     try:
-        last, _ = _walk(before, type_name, path.split("."))
+        last, behind = _walk(before, type_name, path.split("."))
+        for description in behind:
+            after.skip(description)
     except _NeedsAll:
         return None
-    return None if last == "string" else (*_fixed(before.done, cdr), FORMATS[last])
+    return None if last == "string" else (*_fixed(before.done, cdr), FORMATS[last], after.done)
 
 
 def _walk(steps: _Steps, type_name: str, path: list[str]) -> tuple[str, list[Any]]:

@@ -11,8 +11,8 @@ d is unknown, unless `missing: bad`. After a reset a good verdict waits, at most
 all statuses that were heard before: the bad one may be the last to come.
 
 A sample is one status or a list of them (diagnostic_msgs/DiagnosticArray's `status`), as mappings with
-`name`, `level`, `values` (a mapping, or a list of `key` and `value`). Names are matched whole or by pattern
-(`hokuyo: *`): the published observer took any name that contained the device's.
+`name`, `level`, `values` (a mapping, or a list of `key` and `value`). Names are matched whole, as they are
+but for `*` and `?` (`hokuyo: *`): the published observer took any name that contained the device's.
 
 Source: the paper, section IV-B.
 """
@@ -20,9 +20,9 @@ Source: the paper, section IV-B.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from operator import eq, ge, gt, le, lt, ne
 from typing import Any, ClassVar, NamedTuple
 
@@ -41,11 +41,35 @@ LEVELS = {"warn": WARN, "error": ERROR}
 MOST_STATUSES = 1000
 
 RULE = re.compile(
-    r"(?:(?P<name>[^:<>=!]+):)?(?P<key>[^<>=!]+?)\s*(?P<op><=|>=|==|!=|<|>)\s*"
-    r"(?P<limit>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*\Z"
+    r"(?:(?P<name>[^:<>=!]+):)?(?P<key>[^<>=!]+?)\s*"
+    r"(?:(?P<op><=|>=|==|!=|<|>)\s*(?P<limit>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<is>==|!=)\s*(?P<text>[^\W\d][\w .-]*?))\s*\Z"
 )
 OPERATORS = {"<": lt, "<=": le, ">": gt, ">=": ge, "==": eq, "!=": ne}
-LEADING_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+NUMBER = re.compile(
+    r"\s*(?:(?P<hex>[+-]?0[xX][0-9a-fA-F]+)(?!\w)"
+    r"|(?P<comma>[+-]?\d+,(?:\d{1,2}|\d{4,})(?!\d))"
+    r"|(?P<thousands>[+-]?\d{1,3}(?:,\d{3})+\.\d+|[+-]?\d{1,3}(?:,\d{3}){2,}(?!\d))"
+    r"|(?!0[xXbBoO][0-9a-fA-F])(?P<plain>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?))"
+)
+UNIT = re.compile(r"\s*(?:[^\w\s.,:/+-]*[^\W\d_]\D*[²³\d]?|%.*)?\Z|\s+[^\d\s].*\Z", re.DOTALL)
+
+
+def number_of(text: str) -> float | None:
+    """Return a number as people and programs write it, with or without a unit: `39.5 °C`, `39,5`, `0x1F`.
+
+    None if it is none (`1.2.3`, `12:30`), or could be another one as well (`1,234`).
+    """
+    found = NUMBER.match(text)
+    if found is None or not UNIT.match(text, found.end()):
+        return None
+    if found["hex"]:
+        return float(int(found["hex"], 16))
+    if found["comma"]:
+        return float(found["comma"].replace(",", "."))
+    if found["thousands"]:
+        return float(found["thousands"].replace(",", ""))
+    return float(found["plain"])
 
 
 @dataclass(frozen=True)
@@ -77,33 +101,41 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class NumberRule:
-    """A number that a status carries, and what it should be."""
+class Rule:
+    """A value that a status carries, and what it should be: a number, or a text in whatever case."""
 
     atom: Atom
     key: str
     op: str
-    limit: float
+    limit: float | str
 
     @classmethod
-    def parse(cls, text: str) -> NumberRule:
+    def parse(cls, text: str) -> Rule:
         found = RULE.match(text)
         if found is None:
-            raise ValueError(f"rules: {text!r} is no rule; write e.g. temp_cpu1 < 40")
+            raise ValueError(f"rules: {text!r} is no rule; write e.g. temp_cpu1 < 40, or brake == OK")
         key = found["key"].strip()
-        return cls(parse_atom((found["name"] or key).strip()), key, found["op"], float(found["limit"]))
+        atom = parse_atom((found["name"] or key).strip())
+        if found["text"]:
+            return cls(atom, key, found["is"], found["text"])
+        return cls(atom, key, found["op"], float(found["limit"]))
 
-    def number(self, values: Mapping[str, Any]) -> float | None:
-        """Return the number that it is about; None where the status does not say."""
-        value = values.get(self.key)
+    def read(self, value: object) -> float | str | None:
+        """Return what is to be judged; None where the value is not of its kind."""
+        if isinstance(self.limit, str):
+            return str(value).strip() if isinstance(value, str | bool) and str(value).strip() else None
+        return finite(number_of(value) if isinstance(value, str) else value)
+
+    def allows(self, value: float | str) -> bool:
+        """Return whether it is what it should be."""
         if isinstance(value, str):
-            leading = LEADING_NUMBER.match(value)  # "39.5 °C" is 39.5
-            value = float(leading[0]) if leading else None
-        return finite(value)
+            return (value.casefold() == str(self.limit).casefold()) == (self.op == "==")
+        return bool(OPERATORS[self.op](value, self.limit))
 
-    def allows(self, number: float) -> bool:
-        """Return whether the number is what it should be."""
-        return bool(OPERATORS[self.op](number, self.limit))
+    @property
+    def shown(self) -> str:
+        """What it should be, in words."""
+        return f"{self.op} {self.limit}" if isinstance(self.limit, str) else f"{self.op} {self.limit:g}"
 
 
 class DiagnosticObserver:
@@ -124,7 +156,7 @@ class DiagnosticObserver:
                 name.
             status: names or patterns, whole, of the statuses that speak of it, e.g. `hokuyo: *`.
             rules: on their values: `temperature < 40` says ok(temperature), `motor: CPU 1 temp <= 60` says
-                ok(motor).
+                ok(motor), `brake: Brake state == OK` says ok(brake).
             levels: which are bad.
             readings: how many make a verdict.
             source: where the statuses come from.
@@ -132,8 +164,8 @@ class DiagnosticObserver:
         if not status:
             raise ValueError("status must name at least one status, e.g. 'hokuyo: *'")
         levels, readings = levels or Levels(), readings or Readings()
-        self._patterns = tuple(status)
-        self._rules = tuple(NumberRule.parse(rule) for rule in rules)
+        self._patterns = tuple(_pattern(name.removeprefix("/")) for name in status)
+        self._rules = tuple(Rule.parse(rule) for rule in rules)
         device = parse_atom(atom)
         self.atoms: tuple[Atom, ...] = tuple(dict.fromkeys((device, *(rule.atom for rule in self._rules))))
         self.sources = frozenset((source,))
@@ -148,7 +180,7 @@ class DiagnosticObserver:
         self._missing_is_bad = levels.missing == "bad"
         self._lifetime_ns = round(readings.lifetime_s * 1e9)
         self._judgements: dict[Atom, Judgement] = {atom: readings.judgement() for atom in self.atoms}
-        self._newest: dict[str, _Status] = {}
+        self._newest: dict[tuple[str, str, int], _Status] = {}
         self.reset(0)
 
     def reset(self, time_ns: int) -> None:
@@ -165,14 +197,18 @@ class DiagnosticObserver:
         if not isinstance(statuses, Sequence) or isinstance(statuses, str | bytes):
             raise WrongKind("a diagnostic status or a list of them is", value)
         ours = [s for s in statuses if self._matches(str(s["name"]))]
+        times: Counter[tuple[str, str]] = Counter()
         for status in ours:
             level = status["level"]
             level = level[0] if isinstance(level, bytes) else int(level)  # ROS 2 has a byte
             name = str(status["name"])
-            self._awaited.discard(name)
-            if name in self._newest or len(self._newest) < MOST_STATUSES:
+            of = name, str(status.get("hardware_id", ""))
+            times[of] += 1
+            key = *of, times[of]  # the same name may be there for each of several devices
+            self._awaited.discard(key)
+            if key in self._newest or len(self._newest) < MOST_STATUSES:
                 message = str(status.get("message", ""))
-                self._newest[name] = _Status(name, time_ns, level, message, self._rules_of(status))
+                self._newest[key] = _Status(name, time_ns, level, message, self._rules_of(status))
         if ours:
             self._judge(time_ns)
 
@@ -208,7 +244,7 @@ class DiagnosticObserver:
 
     def _matches(self, name: str) -> bool:
         name = name.removeprefix("/")
-        return any(fnmatchcase(name, pattern.removeprefix("/")) for pattern in self._patterns)
+        return any(pattern.match(name) for pattern in self._patterns)
 
     def _times_ns(self) -> Iterator[int]:
         """Return when a verdict turns by itself: each when nothing speaks of it for its lifetime."""
@@ -227,7 +263,7 @@ class DiagnosticObserver:
         self._heard_ns = time_ns
         life_ns = self._lifetime_ns
         fresh = self._newest = {
-            name: one for name, one in self._newest.items() if time_ns - one.time_ns < life_ns
+            key: one for key, one in self._newest.items() if time_ns - one.time_ns < life_ns
         }
         judgement = self._judgements[self._device]
         bad = [one for one in fresh.values() if self._is_bad(one.level)]
@@ -243,11 +279,11 @@ class DiagnosticObserver:
             if rule.atom != self._device:
                 self._judge_rule(rule, time_ns)
 
-    def _judge_rule(self, rule: NumberRule, time_ns: int) -> None:
+    def _judge_rule(self, rule: Rule, time_ns: int) -> None:
         told = [(one, one.rules[rule]) for one in self._newest.values() if rule in one.rules]
         if not any(one.time_ns == time_ns for one, _ in told):
             return  # nothing new
-        limit = f"{rule.op} {rule.limit:g}"
+        limit = rule.shown
         broken = [(one, value) for one, value in told if not rule.allows(value)]
         if broken:
             newest, value = max(broken, key=lambda found: found[0].time_ns)
@@ -263,13 +299,30 @@ class DiagnosticObserver:
     def _is_bad(self, level: int) -> bool:
         return self._stale_is_bad if level == STALE else level >= self._bad_from
 
-    def _rules_of(self, status: Mapping[str, Any]) -> dict[NumberRule, float]:
-        """Return the rules that a status speaks of, each with its number."""
+    def _rules_of(self, status: Mapping[str, Any]) -> dict[Rule, float | str]:
+        """Return the rules that a status speaks of, each with the value that is worst: keys may repeat."""
         values = (status.get("values") or {}) if self._rules else {}
-        if not isinstance(values, Mapping):
-            values = {pair["key"]: pair["value"] for pair in values}
-        found = ((rule, rule.number(values)) for rule in self._rules)
-        return {rule: number for rule, number in found if number is not None}
+        pairs = (
+            list(values.items())
+            if isinstance(values, Mapping)
+            else [(pair["key"], pair["value"]) for pair in values]
+        )
+        found: dict[Rule, float | str] = {}
+        for rule in self._rules:
+            for key, value in pairs:
+                read = rule.read(value) if key == rule.key else None
+                if read is not None and (rule not in found or rule.allows(found[rule])):
+                    found[rule] = read
+        return found
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    """Return what matches a name as it is written; `*` is any text, `?` any character, `[*]` an asterisk."""
+    parts = (
+        re.escape(one[0][1]) if len(one[0]) > 1 else {"*": ".*", "?": "."}.get(one[0], re.escape(one[0]))
+        for one in re.finditer(r"\[[*?[]\]|.", name, re.DOTALL)
+    )
+    return re.compile("".join(parts) + r"\Z", re.DOTALL)
 
 
 class _Status(NamedTuple):
@@ -279,7 +332,7 @@ class _Status(NamedTuple):
     time_ns: int
     level: int
     message: str
-    rules: dict[NumberRule, float]
+    rules: dict[Rule, float | str]
 
     def __str__(self) -> str:
         level = SHOWN[self.level] if 0 <= self.level < len(SHOWN) else f"level {self.level}"

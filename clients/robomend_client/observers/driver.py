@@ -94,7 +94,8 @@ class Driver:
         self._combined = Combined(self._states, lenient)
         self._ticks = Ticks(self._states)
         self._routes: dict[str, _Route] = {}
-        self._held: tuple[str, int, object] | None = None  # a sample of a log, far from the time before it
+        # What came at one time of a log that is far from the time before it: one sample of each source.
+        self._held: list[tuple[str, int, object]] = []
         self._listener = listener
         for state in self._states:
             for source in state.observer.sources:
@@ -144,7 +145,7 @@ class Driver:
         if now_ns is None:
             now_ns = self.now_ns
             ahead_ns = time_ns - now_ns
-            if ahead_ns > JUMP_NS or ahead_ns < BACK_NS or self._held is not None:
+            if ahead_ns > JUMP_NS or ahead_ns < BACK_NS or self._held:
                 return self._far(source, time_ns, value)
             if ahead_ns > 0:
                 now_ns = time_ns
@@ -206,7 +207,7 @@ class Driver:
             gap_ns: the longest time without any of them, from now on.
             until_ns: the newest of them.
         """
-        if self._held is not None or gap_ns > JUMP_NS:
+        if self._held or gap_ns > JUMP_NS:
             return False
         if any(
             int(samples[one][0][0]) < self._routes[one].newest_ns for one in samples if one in self._routes
@@ -227,8 +228,11 @@ class Driver:
     def advance(self, now_ns: int) -> Sequence[Change]:
         """Let time pass: by a timer, or at the end of a log."""
         changes: list[Change] = []
-        if self._held is not None and self.now_ns <= self._held[1] <= now_ns:
-            changes += self._release()
+        if self._held:
+            if self.now_ns <= self._held[0][1] <= now_ns:
+                changes += self._release()
+            else:  # nothing has confirmed it
+                self._leave_out()
         changes += self._run(now_ns)
         self.now_ns = max(self.now_ns, now_ns)
         return changes
@@ -290,7 +294,7 @@ class Driver:
         """Begin anew at another time, before or after: all that was known is unknown from now on."""
         if self._listener is not None:
             self._listener.restart(now_ns)
-        self._held = None
+        self._held = []
         self.now_ns = now_ns
         for route in self._routes.values():
             route.newest_ns = now_ns
@@ -310,30 +314,41 @@ class Driver:
 
     def _far(self, source: str, time_ns: int, value: object) -> Sequence[Change]:
         """A sample of a log that is far from the time before, or the one that follows such a sample."""
-        held, self._held = self._held, None
         changes: list[Change] = []
-        if held is not None:
-            confirmed = time_ns >= held[1] - JUMP_NS
-            if held[1] < self.now_ns:  # a jump back: the next one must not lead ahead again
+        if self._held:
+            held_ns = self._held[0][1]
+            if time_ns == held_ns and all(source != other for other, _, _ in self._held):
+                self._held.append(
+                    (source, time_ns, value)
+                )  # of one message, it may be: that confirms nothing
+                return ()
+            confirmed = time_ns >= held_ns - JUMP_NS
+            if held_ns < self.now_ns:  # a jump back: the next one must not lead ahead again
                 confirmed = confirmed and time_ns < self.now_ns - JUMP_NS
             if confirmed:
-                self._held = held
                 changes += self._release()
             else:
-                self.problems.left_out("jump", held[0], held[1] - self.now_ns)
+                self._leave_out()
         if self.now_ns - JUMP_NS <= time_ns <= self.now_ns + JUMP_NS:
             return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
-        self._held = (source, time_ns, value)
+        self._held = [(source, time_ns, value)]
         return changes
 
+    def _leave_out(self) -> None:
+        """Leave out what was held: nothing confirms its jump."""
+        held, self._held = self._held, []
+        for source, time_ns, _ in held:
+            self.problems.left_out("jump", source, time_ns - self.now_ns)
+
     def _release(self) -> Sequence[Change]:
-        """Take in the sample that was held: its jump is real."""
-        assert self._held is not None
-        (source, time_ns, value), self._held = self._held, None
+        """Take in what was held: its jump is real."""
+        held, self._held = self._held, []
         changes: list[Change] = []
-        if time_ns < self.now_ns - JUMP_NS:
-            changes += self.restart(time_ns)
-        return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
+        for source, time_ns, value in held:
+            if time_ns < self.now_ns - JUMP_NS:
+                changes += self.restart(time_ns)
+            changes += self.sample(source, time_ns, value, max(time_ns, self.now_ns))
+        return changes
 
     def _looked(self, route: _Route, source: str, sight: Contact) -> Sequence[Change]:
         """Have the observers of a source judge anew, once somebody looks at all that they need."""

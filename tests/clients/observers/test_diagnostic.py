@@ -8,7 +8,7 @@ import pytest
 
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers import DiagnosticObserver, Driver, Evidence, Levels, Readings, ns
-from robomend_client.observers.diagnostic import NumberRule
+from robomend_client.observers.diagnostic import Rule, number_of
 
 PUBLISHED = Levels(**{k: v for k, v in Levels.PRESETS["published"].items() if k != "lifetime_s"})
 
@@ -93,14 +93,78 @@ def test_a_value_that_is_no_number_says_nothing(value: object) -> None:
     ],
 )
 def test_rules_are_read(text: str, key: str, op: str, limit: float) -> None:
-    rule = NumberRule.parse(text if " b" not in text else f"n: {text}")
+    rule = Rule.parse(text if " b" not in text else f"n: {text}")
     assert (rule.key, rule.op, rule.limit) == (key, op, limit)
 
 
-@pytest.mark.parametrize("text", ["t", "t < hot", "< 4", "t <", "t < 4; rm", "CPU 1 temp < 4"])
+@pytest.mark.parametrize(
+    "text", ["t", "t < hot", "< 4", "t <", "t < 4; rm", "CPU 1 temp < 4", "t == 0x", "t == OK;"]
+)
 def test_what_is_no_rule_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"is no (rule|atom)"):
-        NumberRule.parse(text)
+        Rule.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("39.5", 39.5), ("39.5 °C", 39.5), ("39.5°C", 39.5), (" -12V ", -12), ("80 %", 80), ("80%", 80),
+        ("39,5", 39.5), ("39,5 °C", 39.5), ("0x1F", 31), ("-0x10", -16), ("1e3", 1000), (".5", 0.5),
+        ("7 of 9", 7),
+        ("9.81 m/s2", 9.81), ("9.81m/s2", 9.81), ("1,234.5", 1234.5), ("1,234,567", 1234567), ("5.", 5),
+        ("1,234", None), ("1.234,5", None), ("1.2.3", None), ("12:30", None), ("2026-11-27", None),
+        ("5/10", None), ("192.168.0.1", None), ("0b101", None), ("0x1G", None), ("hot", None), ("", None),
+        ("nan", None), ("- 5", None),
+    ],
+)  # fmt: skip
+def test_a_number_is_read_as_people_write_it_or_not_at_all(text: str, number: float | None) -> None:
+    assert number_of(text) == number
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("hardware", ["", "arm", "leg"])
+def test_of_statuses_of_one_name_the_worst_counts(order: int, hardware: str) -> None:
+    """Two devices of one driver: the one that is well does not hide the other."""
+    both = [status(0, temp=95), {**status(0, temp=40), "hardware_id": hardware}][::order]
+    assert said(observer(None, "temp < 60"), both)[1:] == (fails("ok", "temp"),)
+    bad = [status(2), {**status(0), "hardware_id": hardware}][::order]
+    assert said(observer(), bad) == (fails("ok", "hokuyo"),)
+    assert said(observer(), bad, [status(0), {**status(0), "hardware_id": hardware}]) == (
+        holds("ok", "hokuyo"),
+    )
+
+
+def test_of_a_key_that_repeats_the_worst_counts() -> None:
+    for values in (["95", "40"], ["40", "95"]):
+        sample = {"name": "hokuyo: x", "level": 0, "values": [{"key": "temp", "value": v} for v in values]}
+        assert said(observer(None, "temp < 60"), sample)[1:] == (fails("ok", "temp"),)
+
+
+@pytest.mark.parametrize(
+    ("rule", "value", "ok"),
+    [
+        ("e_stop == FALSE", "False", True), ("e_stop == FALSE", "True", False),
+        ("e_stop == false", False, True), ("e_stop == false", True, False),
+        ("e_stop != OK", "ok", False), ("e_stop == All good", "all good ", True),
+    ],
+)  # fmt: skip
+def test_a_rule_may_be_about_a_text(rule: str, value: object, ok: bool) -> None:
+    assert said(observer(None, rule), status(0, e_stop=value))[1:] == (Literal(Atom("ok", ("e_stop",)), ok),)
+    assert len(said(observer(None, rule), status(0, e_stop=None))) == 1
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "matches"),
+    [
+        ("CPU Usage [robot-c2]", "CPU Usage [robot-c2]", True),
+        ("CPU Usage [robot-c2]", "CPU Usage r", False),
+        ("CPU [[]*]", "CPU [robot-c2]", True), ("a [*]", "a *", True), ("a [*]", "a b", False),
+        ("m?", "m1", True), ("m?", "m12", False), ("a.c", "abc", False), ("", "", True), ("*", "", True),
+    ],
+)  # fmt: skip
+def test_names_are_meant_as_they_are_written(pattern: str, name: str, matches: bool) -> None:
+    o = DiagnosticObserver("d", [pattern])
+    assert bool(said(o, status(2, name))) == matches
 
 
 def test_an_onset_is_the_last_good_status() -> None:
