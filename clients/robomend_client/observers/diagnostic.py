@@ -101,7 +101,7 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class Rule:
+class ValueRule:
     """A value that a status carries, and what it should be: a number, or a text in whatever case."""
 
     atom: Atom
@@ -110,7 +110,7 @@ class Rule:
     limit: float | str
 
     @classmethod
-    def parse(cls, text: str) -> Rule:
+    def parse(cls, text: str) -> ValueRule:
         found = RULE.match(text)
         if found is None:
             raise ValueError(f"rules: {text!r} is no rule; write e.g. temp_cpu1 < 40, or brake == OK")
@@ -165,7 +165,7 @@ class DiagnosticObserver:
             raise ValueError("status must name at least one status, e.g. 'hokuyo: *'")
         levels, readings = levels or Levels(), readings or Readings()
         self._patterns = tuple(_pattern(name.removeprefix("/")) for name in status)
-        self._rules = tuple(Rule.parse(rule) for rule in rules)
+        self._rules = tuple(ValueRule.parse(rule) for rule in rules)
         device = parse_atom(atom)
         self.atoms: tuple[Atom, ...] = tuple(dict.fromkeys((device, *(rule.atom for rule in self._rules))))
         self.sources = frozenset((source,))
@@ -279,7 +279,7 @@ class DiagnosticObserver:
             if rule.atom != self._device:
                 self._judge_rule(rule, time_ns)
 
-    def _judge_rule(self, rule: Rule, time_ns: int) -> None:
+    def _judge_rule(self, rule: ValueRule, time_ns: int) -> None:
         told = [(one, one.rules[rule]) for one in self._newest.values() if rule in one.rules]
         if not any(one.time_ns == time_ns for one, _ in told):
             return  # nothing new
@@ -299,7 +299,7 @@ class DiagnosticObserver:
     def _is_bad(self, level: int) -> bool:
         return self._stale_is_bad if level == STALE else level >= self._bad_from
 
-    def _rules_of(self, status: Mapping[str, Any]) -> dict[Rule, float | str]:
+    def _rules_of(self, status: Mapping[str, Any]) -> dict[ValueRule, float | str]:
         """Return the rules that a status speaks of, each with the value that is worst: keys may repeat."""
         values = (status.get("values") or {}) if self._rules else {}
         pairs = (
@@ -307,7 +307,7 @@ class DiagnosticObserver:
             if isinstance(values, Mapping)
             else [(pair["key"], pair["value"]) for pair in values]
         )
-        found: dict[Rule, float | str] = {}
+        found: dict[ValueRule, float | str] = {}
         for rule in self._rules:
             for key, value in pairs:
                 read = rule.read(value) if key == rule.key else None
@@ -332,7 +332,7 @@ class _Status(NamedTuple):
     time_ns: int
     level: int
     message: str
-    rules: dict[Rule, float | str]
+    rules: dict[ValueRule, float | str]
 
     def __str__(self) -> str:
         level = SHOWN[self.level] if 0 <= self.level < len(SHOWN) else f"level {self.level}"

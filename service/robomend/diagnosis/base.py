@@ -13,12 +13,13 @@ from contextlib import suppress
 from functools import cached_property
 from math import log, log1p
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from robomend.diagnosis.conflicts import Conflicts
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.explanations import Cleared
-from robomend.diagnosis.justification import Justification, Walk
+from robomend.diagnosis.justification import Justification
 from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import (
     NOTHING_SUPPOSED,
@@ -44,6 +45,9 @@ from robomend.diagnosis.search import (
 from robomend.errors import ContradictoryModel, OptionRefused, SolverError
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal
+
+if TYPE_CHECKING:
+    from robomend.diagnosis.circuits.traces import Walk
 
 DEFAULTS = Options()
 

@@ -23,7 +23,7 @@ Source: M. Liffiton, A. Previti, A. Malik, J. Marques-Silva. Fast, flexible MUS 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.consistency import Consistency
@@ -33,6 +33,9 @@ from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import Oracle, OutOfTime
 from robomend.diagnosis.parts import FEW
 from robomend.diagnosis.search import SearchState
+
+if TYPE_CHECKING:
+    from robomend.diagnosis.circuits.traces import Walk
 
 MAX_CONFLICTS = 100
 MAX_CIRCUIT_CONFLICTS = 32
@@ -57,14 +60,7 @@ JUSTIFIED = 100
 """Diagnoses that are looked at when conflicts are gathered."""
 
 
-class Walk(Protocol):
-    """A simulation that shows conflicts; see circuits/traces.py."""
-
-    def conflict(self, lane: int) -> Known | None:
-        """Return a conflict with none of the components that are abnormal in this lane."""
-
-
-FindWalk = Callable[[Sequence[Iterable[int]]], Walk | None]
+FindWalk = Callable[[Sequence[Iterable[int]]], "Walk | None"]
 """Takes sets of abnormal components, a lane each; None: this circuit is not simulated."""
 
 

@@ -32,7 +32,7 @@ from robomend.diagnosis.by_conflicts import ByConflicts
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.circuits.by_structure import ByStructure
 from robomend.diagnosis.circuits.netlist import recover
-from robomend.diagnosis.justification import Walk
+from robomend.diagnosis.circuits.traces import Walk
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
@@ -129,8 +129,8 @@ class SatEngine(BaseEngine):
         structure = self.__dict__.get("_by_structure")
         if structure is None or what_if is not NOTHING_SUPPOSED:
             return None
-        walk: Walk = structure.walk(observed, abnormal)
-        return walk
+        found: Walk = structure.walk(observed, abnormal)  # the base class does not know what it is
+        return found
 
     def _hurried(self) -> bool:
         """Whether finding the structure would take a quarter of the time that is left, or more."""

@@ -8,7 +8,7 @@ import pytest
 
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers import DiagnosticObserver, Driver, Evidence, Levels, Readings, ns
-from robomend_client.observers.diagnostic import Rule, number_of
+from robomend_client.observers.diagnostic import ValueRule, number_of
 
 PUBLISHED = Levels(**{k: v for k, v in Levels.PRESETS["published"].items() if k != "lifetime_s"})
 
@@ -93,7 +93,7 @@ def test_a_value_that_is_no_number_says_nothing(value: object) -> None:
     ],
 )
 def test_rules_are_read(text: str, key: str, op: str, limit: float) -> None:
-    rule = Rule.parse(text if " b" not in text else f"n: {text}")
+    rule = ValueRule.parse(text if " b" not in text else f"n: {text}")
     assert (rule.key, rule.op, rule.limit) == (key, op, limit)
 
 
@@ -102,7 +102,7 @@ def test_rules_are_read(text: str, key: str, op: str, limit: float) -> None:
 )
 def test_what_is_no_rule_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"is no (rule|atom)"):
-        Rule.parse(text)
+        ValueRule.parse(text)
 
 
 @pytest.mark.parametrize(
