@@ -90,7 +90,7 @@ def test_a_robot_is_told_its_diagnosis_and_heard_in_the_formats_of_the_published
         watcher.do("subscribe", topic="/board_measurments", **BOARD)
         sections: dict[str, Any] = {
             "ros1": {"master": ros.master.uri, "observations_s": 3},
-            "topics": {"scan": {"from": "ros1", "first_s": 60}},
+            "topics": {"scan": {"from": "ros1", "first_s": 60, "tolerance_hz": 8}},
             "observers": {
                 "laser": {"kind": "node", "from": "ros1", "preset": "ros1"},
             },

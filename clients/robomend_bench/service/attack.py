@@ -40,8 +40,8 @@ from robomend_bench.service.wire import address
 def beside(program: str, *arguments: str, told: object) -> Iterator[dict[str, Any]]:
     """Run one of `PROGRAMS` beside it while the block runs: in one process they would measure each other.
 
-    It is told something as a line of JSON, and goes on until its input ends. What it says then, as JSON, the
-    dictionary has after the block.
+    It gets a line of JSON, says that it begins, and goes on until its input ends. What it says then, as JSON,
+    the dictionary has after the block.
     """
     line = [sys.executable, "-m", "robomend_bench.service.attack", program, *arguments]
     with subprocess.Popen(
@@ -52,10 +52,12 @@ def beside(program: str, *arguments: str, told: object) -> Iterator[dict[str, An
         process_group=0,  # Ctrl-C is for the bench, which ends it
     ) as running:
         assert running.stdin is not None
+        assert running.stdout is not None
         running.stdin.write(json.dumps(told) + "\n")
         running.stdin.flush()
         found: dict[str, Any] = {}
         try:
+            running.stdout.readline()  # it is there: to load its code takes a while
             yield found
             said, _ = running.communicate()
         except BaseException:  # Ctrl-C, raised again: what is under way may take minutes
@@ -78,7 +80,7 @@ STOPS = (
 
 
 def probe(url: str, key: str, over: threading.Event, errors: list[str], looks: int = 1) -> dict[str, Latency]:
-    """Ask again and again until `over`; return how long each kind of request took.
+    """Ask again and again until `over`, each at least once; return how long each kind of request took.
 
     Args:
         key: none if empty.
@@ -89,7 +91,7 @@ def probe(url: str, key: str, over: threading.Event, errors: list[str], looks: i
     kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
     wanted = (*LOOKS * looks, *STOPS)
     for number in itertools.count():
-        if over.is_set():
+        if over.is_set() and number >= len(wanted):
             break
         turn, kind = divmod(number, len(wanted))
         name, method, path = wanted[kind]
@@ -500,6 +502,7 @@ def _attackers(url: str, clients: str, seed: str) -> None:
     """Attack until the standard input ends, and print what came of it as JSON."""
     os.nice(NICENESS)
     crowd = Crowd(url, json.loads(sys.stdin.readline()), int(clients), int(seed))
+    print("begins", flush=True)
     crowd.start()
     sys.stdin.read()
     crowd.end()
@@ -517,6 +520,7 @@ def _operator_beside(url: str, looks: str) -> None:
         over.set()
 
     threading.Thread(target=wait, daemon=True).start()
+    print("begins", flush=True)
     times = probe(url, key, over, errors, int(looks))
     print(json.dumps({"times": {name: asdict(latency) for name, latency in times.items()}, "errors": errors}))
 
