@@ -43,8 +43,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 def box(of: Locator) -> FloatRect:
-    found = of.bounding_box()
-    assert found is not None
+    found: FloatRect = of.evaluate("(it) => it.getBoundingClientRect().toJSON()")  # parts are put anew
     return found
 
 

@@ -9,7 +9,7 @@ that long. A value of an angle that wraps around has `wraps_at` (360, or 6.28318
 
 A value that moves in steps (whole seconds, ticks of an encoder) stands between them. So the window is three
 of its steps at least: of whole-second stamps over one second the line would rise and stand in turn. When it
-stands for more than two steps, it stands.
+stands for more than two steps, or three windows, it stands.
 
 A line needs three samples over half the window; without, and when no sample came for a whole window,
 nothing is said. What is not a number (NaN, infinite) is left out.
@@ -38,6 +38,9 @@ PATIENCE = 0.1
 
 STEPS, HOLDS = 3, 4
 """A window has so many steps of a value that moves in steps; so many of the newest say how long they are."""
+
+LONGEST_STEP = 3
+"""What holds for longer than so many windows stands, and jumps: that is no step."""
 
 WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
 
@@ -155,7 +158,12 @@ class TrendOf:
 
     def _stepped(self, time_ns: int) -> None:
         """The value has changed: how long did it stand before, again and again?"""
-        self._holds.append(time_ns - self._changed_ns if self._repeated else 0)
+        held_ns = time_ns - self._changed_ns if self._repeated else 0
+        if held_ns > LONGEST_STEP * self._window_ns:  # between two jumps it stood
+            self._holds.clear()
+            self._stretch(0)
+            return
+        self._holds.append(held_ns)
         longest = sorted(self._holds)
         # One long hold is no step: it stood, and moves now.
         grain_ns = longest[-2] if len(longest) > 1 else longest[0]
