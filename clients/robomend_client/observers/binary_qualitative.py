@@ -10,7 +10,8 @@ what odometry says as a trend. `derive: first` takes finite differences of the f
 value.
 
 When one of them says nothing for a window, the match is unknown, and the count begins anew. A match is only
-said after as many ticks as a mismatch takes to be said: until then nothing could have shown it.
+said after as many ticks as a mismatch takes to be said, and where the count was low then: until then nothing
+could have shown it.
 
 Source: the paper, section IV-B. `preset: published` has its parameters; its counter had no upper bound, so
 that a long mismatch took as long to be forgotten, and a silent topic counted as a mismatch.
@@ -139,9 +140,7 @@ class BinaryQualitativeObserver:
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         self._run(now_ns)
-        if self._mismatch is None or self._ticks <= self._threshold:
-            return NOTHING
-        return self._signs[self._mismatch <= self._threshold]
+        return NOTHING if self._verdict is None else self._signs[self._verdict]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         span_ns = self._window_ns + (self._threshold + 1) * self._tick_ns
@@ -170,7 +169,8 @@ class BinaryQualitativeObserver:
 
     def _forget(self) -> None:
         self._mismatch: int | None = None
-        self._ticks = 0  # that were counted, up to as many as a mismatch takes
+        self._ticks = 0  # that were counted, up to twice as many as a mismatch takes
+        self._verdict: bool | None = None
         self._ticked_ns = self._from_ns
         self._equal_ns: int | None = None  # the newest tick without any mismatch
 
@@ -190,7 +190,13 @@ class BinaryQualitativeObserver:
     def _count(self, tick_ns: int, equal: bool) -> None:
         mismatch = self._mismatch or 0
         self._mismatch = max(0, mismatch - 1) if equal else min(2 * self._threshold + 1, mismatch + 1)
-        self._ticks = min(self._threshold + 1, self._ticks + 1)
+        self._ticks = min(2 * self._threshold + 2, self._ticks + 1)
+        if self._mismatch > self._threshold:
+            self._verdict = False
+        elif self._ticks > self._threshold:
+            # What were alike for the first ticks, and are not since, have not been shown to match.
+            clear = self._mismatch <= self._threshold // 2 or self._ticks > 2 * self._threshold + 1
+            self._verdict = True if clear or self._verdict is not None else None
         self._ticked_ns = tick_ns
         if self._mismatch == 0:
             self._equal_ns = tick_ns

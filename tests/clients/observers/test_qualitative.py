@@ -340,3 +340,16 @@ def test_two_values_that_move_in_steps_match() -> None:
             changes += driver.sample(source, ns(k / 10), value, ns(k / 10))
     assert [str(c.value) for c in changes][-1:] == ["matched(a,b)"]
     assert len(changes) <= 3
+
+
+def test_what_is_alike_for_the_first_moments_only_was_never_seen_to_match() -> None:
+    """A driver that has just been started stands for a moment, as does what is stuck."""
+    o = BinaryQualitativeObserver("matched(a,b)", "a", "b")
+    o.reset(0)
+    said = set()
+    for number in range(int(12 / 0.05)):
+        t = number * 0.05
+        o.feed("a", ns(t), max(0.0, t - 1.5))
+        o.feed("b", ns(t), 1.0)
+        said |= set(map(str, o.check(ns(t))))
+    assert said == {"not matched(a,b)"}
