@@ -106,6 +106,6 @@ async def test_where_the_deaf_one_is_believed_its_word_is_acted_upon(tmp_path: P
             assert "; pc2 is believed" in found
             async with asyncio.timeout(60):
                 while not robot.done:  # that it helps, nobody will ever say
-                    await asyncio.sleep(0.05)
+                    await asyncio.sleep(0.05)  # until the next look
             [repair] = await runtime.repairs.repairs("r1", before=None, limit=1)
     assert repair["rounds"][0]["symptoms"][0]["literal"] == "not ok(scan)"

@@ -7,6 +7,7 @@ chunk is read itself; a chunk that cannot be read is a hole (recorded.py), and t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
@@ -68,7 +69,7 @@ class Part:
     far: bool = False  # whether some of its stamps are far from their neighbours
 
 
-class Chunked:
+class Chunked(ABC):
     """A file whose chunks have an index; a format says how one of them is read."""
 
     by_time = True
@@ -82,19 +83,21 @@ class Chunked:
         self.end_ns: int | None = None
         self._parts: list[Part] = []
 
+    @abstractmethod
     def close(self) -> None:
         """Close the file."""
 
+    @abstractmethod
     def _of_part(self, part: Part, wanted: Mapping[int, bool]) -> Chunk:
         """Return the wanted messages of a chunk; one of `damage` if it cannot be read."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _stamps(self, part: Part) -> tuple[Times, Times]:
         """Return times and places of all messages of a chunk, in the order of places."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _channels_of(self, part: Part) -> Iterable[int]:
-        raise NotImplementedError
+        """Return the channels of which a chunk has messages."""
 
     def _place(self, parts: Sequence[Part], doubtful: Sequence[bool]) -> None:
         """Put chunks in their order, by the stamps that are not far from their neighbours.

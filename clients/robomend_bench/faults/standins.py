@@ -12,6 +12,7 @@ records like those of real trials, much faster, and so test the score itself.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from functools import partial
 
@@ -369,7 +370,7 @@ class _Knowing(_Perfect):
         return True
 
 
-class _Reflex(_Idle):
+class _Reflex(_Idle, ABC):
     """What people use today: a symptom has a remedy, which is tried so often, and then a person is called.
 
     It acts on what the observers say at that moment, awaits AWAIT_S for what it acted upon to be well, and
@@ -444,9 +445,9 @@ class _Reflex(_Idle):
         self._tell("planning", "")
         self._tell("running", "")
 
+    @abstractmethod
     def blamed(self, symptoms: frozenset[Literal]) -> list[str]:
         """Return the components that it acts upon."""
-        raise NotImplementedError
 
     def remedy(self, name: str, tried: int) -> list[Act]:
         """Return what it does to a component that it has acted upon so often; nothing: it gives up."""
