@@ -26,7 +26,7 @@ from robomend_client.literals import Literal
 
 MODES = {
     "first": "first minimum-cardinality diagnosis, without conflicts, from literals to answer",
-    "why": "the same with the conflicts that it rests on, as they are told by default",
+    "why": "the same with the conflicts that it rests on, as by default",
     "few": "as why, of an engine that was not prepared: structures are built when they pay",
     "once": "as first, from a model: each question is asked of a new engine, whose set-up counts",
     "cold": "the same from a model's text",

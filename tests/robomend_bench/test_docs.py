@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 from robomend_bench.baselines import BASELINES
 from robomend_bench.batch.command import PARTS as BATCH_PARTS
 from robomend_bench.batch.command import command as batch
-from robomend_bench.contenders import MODES
 from robomend_bench.faults.bench import LATE_S
 from robomend_bench.faults.command import command as faults
 from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.observing import PRESETS
 from robomend_bench.faults.policy import MOST_NODES, MOST_STATES
-from robomend_bench.faults.robot import MADE, find_robot, robot_names
+from robomend_bench.faults.robot import robot_names
 from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.main import OTHERS, command
 from robomend_bench.robots.command import command as robots
 from robomend_bench.service.command import PARTS
 from robomend_bench.service.command import command as service
-from robomend_bench.suite import find_suite, suite_names
+from robomend_bench.suite import find_suite
 
 PAGE = (Path(__file__).parents[2] / "docs" / "benchmarks.md").read_text()
 COMMANDS = sorted(
@@ -83,20 +85,18 @@ def test_every_command_that_measured_logs_can_be_run(line: str) -> None:
 @pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "faults"])
 def test_every_command_of_the_score_can_be_run(line: str) -> None:
     command_line = line.replace("/N", "/1").replace("OBSERVERS", "fast")
-    faults.make_context("robomend-bench faults", shlex.split(command_line)[1:])
+    with contextlib.suppress(click.exceptions.Exit):  # --list prints, and ends
+        faults.make_context("robomend-bench faults", shlex.split(command_line)[1:])
 
 
-def test_the_score_s_page_names_every_class_stretch_and_robot_with_its_share() -> None:
-    page = (DOCS / "score.md").read_text()
-    for described in BY_NAME.values():
-        plus = "+" if described.apart else ""
-        assert f"| `{described.name}` | {plus}{described.share} |" in page, described.name
-    for stretch in STRETCHES:
-        assert f"| `{stretch.name}` | {stretch.seconds:g} s |" in page, stretch.name
-    for name in set(robot_names("field")) - set(MADE):
-        anatomy = find_robot(name).anatomy
-        sizes = f"{len(anatomy.devices)} + {len(anatomy.nodes)} | {len(anatomy.topics)}"
-        assert f"| `{name}` | {sizes} |" in page, name
+def test_the_list_of_the_score_names_every_class_stretch_and_robot_with_its_share() -> None:
+    printed = CliRunner().invoke(faults, ["--list"])
+    assert printed.exit_code == 0
+    rows = [line.split(" | ") for line in printed.output.splitlines() if line.startswith("| `")]
+    named = {row[0].strip("| `") for row in rows}
+    assert named == {*BY_NAME, *(each.name for each in STRETCHES), *robot_names("field")}
+    assert all(len(row[-1]) > 10 for row in rows)
+    assert "robomend-bench faults --list" in (DOCS / "score.md").read_text()
 
 
 def test_the_score_s_page_gives_the_bounds_as_they_are() -> None:
@@ -115,7 +115,8 @@ def test_each_part_of_the_service_s_figures_is_shown() -> None:
         assert part in text, part
 
 
-def test_the_page_names_every_suite_mode_and_baseline() -> None:
+def test_the_page_names_every_baseline_and_the_list_of_the_rest() -> None:
     assert len(COMMANDS) >= 9
-    for word in (*suite_names(), *MODES, *BASELINES):
+    for word in BASELINES:
         assert f"`{word}`" in PAGE, word
+    assert "`robomend-bench --list`" in PAGE

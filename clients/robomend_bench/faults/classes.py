@@ -272,7 +272,12 @@ def _lying(anatomy: Anatomy, chance: random.Random) -> Scenario:
 
 CLASSES: tuple[FaultClass, ...] = (
     FaultClass("off", 7, "a device's relay opens", lambda a: relays(a, "off")),
-    FaultClass("hung-device", 8, "works again after a power cycle", lambda a: devices_with(a, "hung")),
+    FaultClass(
+        "hung-device",
+        8,
+        "works again after a power cycle (its own, its supply's, or a reset of its bus)",
+        lambda a: devices_with(a, "hung"),
+    ),
     FaultClass("dead-device", 6, "nothing helps, or its relay sticks open", _dead_devices),
     FaultClass("dead-node", 12, "a process ends", lambda a: nodes_with(a, "dead")),
     FaultClass("hung-node", 13, "a process runs and is silent", lambda a: nodes_with(a, "hung")),
@@ -291,10 +296,16 @@ CLASSES: tuple[FaultClass, ...] = (
         lambda a: nodes_with(a, "dead, one wrong successor", "hung, one wrong successor"),
     ),
     FaultClass("wrong-data", 7, "a node publishes at half its rate", lambda a: nodes_with(a, "half-rate")),
-    FaultClass("feed", 5, "a supply is off or hung", _feeds),
+    FaultClass("feed", 5, "a supply is off or hung; the relays of what it feeds stay where they are", _feeds),
     FaultClass("spare", 4, "a device is dead that another can stand in for", _spares),
     FaultClass("loop", 7, "a node in a loop of topics, or one that feeds it, ends or hangs", _loops),
-    FaultClass("double", 6, "two faults at once", lambda a: list(any_fault(a)), _double),
+    FaultClass(
+        "double",
+        6,
+        "two faults at once, each of which shows something that the other does not",
+        lambda a: list(any_fault(a)),
+        _double,
+    ),
     FaultClass(
         "cascade",
         4,
@@ -305,7 +316,7 @@ CLASSES: tuple[FaultClass, ...] = (
     FaultClass(
         "for-ever",
         4,
-        "a program that does not start any more, or is silent whenever it is started",
+        "a program that does not start any more (status 127), or is silent whenever it is started",
         lambda a: nodes_with(a, "dead, does not start", "dead, mute for ever", "hung, mute for ever"),
     ),
     FaultClass(
@@ -325,7 +336,7 @@ CLASSES: tuple[FaultClass, ...] = (
     FaultClass(
         "slow-start",
         3,
-        "a process ends or hangs; every node takes 6 to 14 times as long to start",
+        "a process ends or hangs; every node takes 6 to 14 times as long to start, as configured",
         lambda a: nodes_with(a, "dead", "hung"),
         _slow,
     ),

@@ -63,6 +63,28 @@ def names_in(world: str) -> tuple[str, ...]:
     return (*faults, *(each.name for each in STRETCHES if each.world == world))
 
 
+def _list(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Print what there is to choose from, as tables, and end."""
+    if not value or context.resilient_parsing:
+        return
+    for world, classes in WORLDS.items():
+        click.echo(f"\n| class of `--world {world}` | share | what is planted |\n| --- | ---: | --- |")
+        for each in classes:
+            click.echo(f"| `{each.name}` | {'+' if each.apart else ''}{each.share} | {each.does} |")
+        click.echo(f"\n| stretch of `--world {world}` | lasts | what happens |\n| --- | ---: | --- |")
+        for stretch in (each for each in STRETCHES if each.world == world):
+            click.echo(f"| `{stretch.name}` | {stretch.seconds:g} s | {stretch.does} |")
+    click.echo("\n| robot | devices + nodes | topics | |\n| --- | ---: | ---: | --- |")
+    for name in robot_names("field"):
+        robot = find_robot(name)
+        sizes = f"{len(robot.anatomy.devices)} + {len(robot.anatomy.nodes)} | {len(robot.anatomy.topics)}"
+        first, _, _ = robot.model.partition("\n")
+        about = first[2:] if first.startswith("# ") else "generated: feeds, loops, unwatched topics"
+        field_only = "" if name in robot_names() else " In `--world field` only."
+        click.echo(f"| `{name}` | {sizes} | {about}{field_only} |")
+    context.exit()
+
+
 def _trial(context: click.Context, parameter: click.Parameter, value: str | None) -> Trial | None:
     if value is None:
         return None
@@ -84,6 +106,14 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 )
 @click.option(
     "--stretches", type=click.IntRange(0, 10_000), default=4, show_default=True, help="Without, of each kind."
+)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list,
+    help="Print the classes of faults, the stretches and the robots, with what each is.",
 )
 @click.option(
     "--world",
@@ -183,6 +213,7 @@ def command(
 
     \b
     robomend-bench faults                              110 faults and 20 stretches without, about 6 minutes
+    robomend-bench faults --list                       classes of faults, stretches, robots
     robomend-bench faults --trials 330 --observers fast --out report/
     robomend-bench faults --classes mute-successor --trials 100
     robomend-bench faults --classes boot --stretches 20

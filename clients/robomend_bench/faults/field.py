@@ -219,20 +219,20 @@ FIELD: tuple[FaultClass, ...] = (
     FaultClass(
         "stands-still",
         6,
-        "the values of a topic do not change any more",
+        "the values of a topic do not change any more, at the right rate",
         lambda a: nodes_with(a, "stands still"),
     ),
     FaultClass("too-fast", 4, "a node publishes at twice its rate", lambda a: nodes_with(a, "double rate")),
     FaultClass(
         "second-publisher",
         5,
-        "a process that is not in the model publishes the same topic",
+        "a process that is not in the model publishes the same topic: no act helps",
         lambda a: nodes_with(a, "second publisher"),
     ),
     FaultClass(
         "complains",
         2,
-        "a device's status warns for ever, over good data",
+        "a device's status warns for ever, over good data: no act helps",
         lambda a: _complaining(a, "status"),
     ),
     FaultClass(
@@ -258,17 +258,19 @@ FIELD: tuple[FaultClass, ...] = (
     FaultClass(
         "reconnects",
         6,
-        "a device is off or hung, and its driver is with it again by itself",
+        "a device is off or hung, and its driver is with it again by itself, 1 s after its boot",
         _switched_devices,
         _reconnects,
     ),
     FaultClass(
         "short-lived",
         4,
-        "a node ends, and each of its processes 20 s after its start",
+        "a node ends, and each of its processes 20 s after its start: no act helps",
         lambda a: nodes_with(a, "ends again and again"),
     ),
-    FaultClass("beside", 4, "a node is silent as long as another one runs", _beside),
+    FaultClass(
+        "beside", 4, "a node is silent as long as another one runs that has nothing to do with it", _beside
+    ),
     FaultClass(
         "rare-reports",
         6,
@@ -293,7 +295,7 @@ FIELD: tuple[FaultClass, ...] = (
     FaultClass(
         "starved-agent",
         5,
-        "a usual fault, and an agent gets a tenth of a core for 30 s",
+        "a usual fault, and an agent runs for 0.1 s and stands for 0.7 to 1.1 s, for 30 s",
         _plain,
         _disturbed("agent-starved"),
     ),
