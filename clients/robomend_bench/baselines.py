@@ -5,6 +5,8 @@
     rc2-exhaust     RC2(wcnf, solver="g4", exhaust=True, minz=True), the same
     layered-full    one solver for the model; a totalizer over all health literals, bound 0, 1, 2, …
     clingo-domain   one grounding; the solver prefers ¬AB, so that each answer set is subset-minimal
+    marco           all minimal conflicts: seeds from a map of what is unexplored, shrunk or grown (MiniSat)
+    optux           all minimal conflicts, the smallest first: OptUx of PySAT
 
 HS-DAG, the fourth, is an engine of robomend itself (`hs_dag`). Each takes literals and returns diagnoses as
 tuples of health variables; the caller counts them.
@@ -18,6 +20,7 @@ from typing import Any
 
 import clingo
 from pysat.card import ITotalizer
+from pysat.examples.optux import OptUx
 from pysat.examples.rc2 import RC2, RC2Stratified
 from pysat.formula import WCNF
 from pysat.solvers import Solver
@@ -202,7 +205,77 @@ class ClingoDomain:
                 yield bad
 
 
-Baseline = Rc2 | LayeredFull | ClingoDomain
+class Marco:
+    """All minimal conflicts of the components, given SD and OBS, by the MARCO algorithm.
+
+    Source: M. H. Liffiton, A. Previti, A. Malik, J. Marques-Silva. Fast, flexible MUS enumeration.
+    Constraints 21(2), 2016.
+    """
+
+    name = "marco"
+    modes = ("conflicts",)
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        self._cnf = cnf
+        self._solver = Solver("minisat22", bootstrap_with=cnf.clauses)
+
+    def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
+        """Yield the minimal conflicts, each as the health variables that cannot all be true."""
+        seen = numbers(self._cnf, observations)
+        health = frozenset(range(1, len(self._cnf.components) + 1))
+        with Solver("minisat22", bootstrap_with=[[v, -v] for v in health]) as unexplored:
+            unexplored.set_phases(sorted(health))  # large seeds first: most of them are conflicts
+            while unexplored.solve():
+                seed = frozenset(v for v in unexplored.get_model() if v > 0)
+                if self._solver.solve([*seen, *seed]):
+                    model = self._solver.get_model()
+                    grown = seed | {v for v in health if model[v - 1] > 0}
+                    for variable in health - grown:
+                        if self._solver.solve([*seen, *grown, variable]):
+                            grown |= {variable}
+                    if grown == health:
+                        return
+                    unexplored.add_clause(sorted(health - grown))
+                    continue
+                core = seed & frozenset(self._solver.get_core() or ())
+                for variable in sorted(core):
+                    if variable in core and not self._solver.solve([*seen, *(core - {variable})]):
+                        core = core & frozenset(self._solver.get_core() or ())
+                yield tuple(sorted(core))
+                unexplored.add_clause([-variable for variable in sorted(core)])
+
+
+class OptUxAll:
+    """All minimal conflicts by PySAT's OptUx, the smallest first; a new formula each time.
+
+    Source: A. Ignatiev, A. Previti, M. Liffiton, J. Marques-Silva. Smallest MUS extraction with minimal
+    hitting set dualization. CP 2015.
+    """
+
+    name = "optux"
+    modes = ("conflicts",)
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        self._cnf = cnf
+
+    def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
+        """Yield the minimal conflicts, each as the health variables that cannot all be true."""
+        formula = WCNF()
+        for clause in self._cnf.clauses:
+            formula.append(list(clause))
+        for number in numbers(self._cnf, observations):
+            formula.append([number])
+        for variable in range(1, len(self._cnf.components) + 1):
+            formula.append([variable], weight=1)
+        with Solver("minisat22", bootstrap_with=[*formula.hard, *formula.soft]) as all_healthy:
+            if all_healthy.solve():
+                return  # OptUx takes contradictions only
+        with OptUx(formula, solver="m22", unsorted=False) as search:
+            for core in search.enumerate():
+                yield tuple(sorted(core))  # soft clauses are numbered as health variables are
+
+
+Baseline = Rc2 | LayeredFull | ClingoDomain | Marco | OptUxAll
 
 RC2_OPTIONS: dict[str, Callable[[WCNF], RC2]] = {
     "rc2": RC2,
@@ -215,4 +288,6 @@ BASELINES: dict[str, Callable[[HealthCnf], Baseline]] = {
     **{name: partial(Rc2, name=name, made=made) for name, made in RC2_OPTIONS.items()},
     "layered-full": LayeredFull,
     "clingo-domain": ClingoDomain,
+    "marco": Marco,
+    "optux": OptUxAll,
 }

@@ -93,7 +93,7 @@ def observe_faulty(circuit: Circuit, faults: int, chance: random.Random) -> tupl
     for _ in range(ATTEMPTS):
         inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
         broken = {
-            net: _fault(circuit.gates[net], chance) for net in chance.sample(gates, min(faults, len(gates)))
+            net: fault_of(circuit.gates[net], chance) for net in chance.sample(gates, min(faults, len(gates)))
         }
         seen = circuit.simulate(inputs, broken)
         meant = circuit.simulate(inputs, {})
@@ -115,7 +115,7 @@ def observe_mutated(
     nets = tuple(dict.fromkeys((*circuit.inputs, *circuit.outputs)))
     first, least = FEW_IN
     for _ in range(ATTEMPTS):
-        broken = {net: _fault(circuit.gates[net], chance) for net in chance.sample(gates, faults)}
+        broken = {net: fault_of(circuit.gates[net], chance) for net in chance.sample(gates, faults)}
         kept: list[tuple[Literal, ...]] = []
         for tried in range(RUNS):
             inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
@@ -129,7 +129,8 @@ def observe_mutated(
     raise ModelError(f"{faults} faults in this circuit are hardly ever seen at its outputs")
 
 
-def _fault(gate: tuple[str, tuple[str, ...]], chance: random.Random) -> str:
+def fault_of(gate: tuple[str, tuple[str, ...]], chance: random.Random) -> str:
+    """Return what a broken gate does: "flipped", or the function that it computes instead."""
     kind, reads = gate
     if len(reads) < 2 or chance.random() < 0.5:
         return "flipped"

@@ -20,7 +20,7 @@ from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.diagnosis.sat import SatEngine
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
-from robomend_bench.baselines import BASELINES
+from robomend_bench.baselines import BASELINES, RC2_OPTIONS
 from robomend_bench.suite import EXPLAINED, ONE, Answer, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 
@@ -36,6 +36,7 @@ MODES = {
     "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
     "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
     "explained": "all minimum-cardinality diagnoses with result objects, conflicts and sentences",
+    "conflicts": "all minimal conflicts",
     "probable": "the ten most probable subset-minimal diagnoses, in order of probability",
     "rows": "thousands of rows of the same 20 sensors; the time is that of one row",
     "check": "consistency checks, no two of the same healthy set, after 1000 diagnoses on the same engine",
@@ -43,8 +44,13 @@ MODES = {
 
 CIRCUIT_MODES = {name: MODES[name] for name in (*ONE, "all", "factored", "subset")}
 ROBOT_MODES = {
-    name: MODES[name] for name in ("explained", "first", "all", "subset", "probable", "rows", "check")
+    name: MODES[name]
+    for name in ("explained", "first", "all", "subset", "conflicts", "probable", "rows", "check")
 }
+
+RC2 = tuple(RC2_OPTIONS)
+"""Those that are held against the engine where one diagnosis is asked for."""
+
 
 CHECKS = 200
 """Calls of `consistent` in one measurement: one takes some microseconds. No two ask the same set."""
@@ -67,9 +73,9 @@ def options_for(mode: str, wish: Wish) -> Options:
     return Options(
         minimal="subset" if mode == "subset" else "cardinality",
         max_size=wish.max_size if mode == "subset" else None,
-        limit=1 if mode in ONE else None,
+        limit=1 if mode in (*ONE, "conflicts") else None,
         timeout_s=wish.timeout_s,
-        conflicts=mode in EXPLAINED,
+        conflicts="all" if mode == "conflicts" else mode in EXPLAINED,
         factored=mode == "factored",
     )
 
@@ -135,6 +141,10 @@ def _counted(result: DiagnosisResult, mode: str, cnf: HealthCnf) -> Answer:
         bounds = f"{result.size_at_least} to {result.size_at_most}"
         note = "" if result.smallest_proved else f"minimum cardinality {bounds} when time ended"
         return Answer((least,), complete=bool(sizes) and result.smallest_proved, shown=least, note=note)
+    if mode == "conflicts":
+        sizes = [len(conflict.components) for conflict in result.conflicts]
+        count = len(sizes)
+        return Answer((count, min(sizes, default=None)), complete=result.conflicts_all, shown=count)
     if mode == "probable":
         # Searched is by priors. Which of equally probable ones are listed is free, and how well they fit what
         # was seen to work, which sorts those that were found, differs: so that their priors are compared.

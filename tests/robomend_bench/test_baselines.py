@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import pytest
 from hypothesis import given, settings
 from tests.diagnosis.systems import brute_force, systems
@@ -10,8 +12,33 @@ from robomend.model.cnf import HealthCnf
 from robomend_bench.baselines import BASELINES
 from robomend_client.literals import Literal
 
+CONFLICTS = ("marco", "optux")
 
-@pytest.mark.parametrize("name", BASELINES)
+
+@pytest.mark.parametrize("name", CONFLICTS)
+@settings(deadline=None, max_examples=40)
+@given(drawn=systems())
+def test_all_minimal_conflicts_are_those_that_the_minimal_diagnoses_hit(
+    name: str, drawn: tuple[HealthCnf, frozenset[Literal]]
+) -> None:
+    cnf, seen = drawn
+    expected = brute_force(cnf, seen)
+    if expected is None or not cnf.weak:
+        return
+    found = [frozenset(one) for one in BASELINES[name](cnf).diagnoses(seen, "conflicts", 0)]
+    named = [{cnf.components[variable - 1] for variable in one} for one in found]
+    hitting = {
+        frozenset(some)
+        for size in range(len(cnf.components) + 1)
+        for some in combinations(cnf.components, size)
+        if all(one & set(some) for one in named)
+    }
+    minimal = {one for one in hitting if not any(other < one for other in hitting)}
+    assert minimal == set(map(frozenset, expected))
+    assert not any(one < other for one in found for other in found)
+
+
+@pytest.mark.parametrize("name", [name for name in BASELINES if name not in CONFLICTS])
 @settings(deadline=None, max_examples=40)
 @given(drawn=systems())
 def test_minimum_cardinality_agrees_with_the_definition(

@@ -27,7 +27,13 @@ from robomend_bench.tables import markdown
 from robomend_bench.worker import Contestant
 from robomend_client.literals import holds
 
-TINY = {"iscas85": ("c17",), "robots-v1": ("20",), "multi-observation": ("c17",)}
+TINY = {
+    "iscas85": ("c17",),
+    "robots-v1": ("20",),
+    "multi-observation": ("c17",),
+    "sequential": ("made-60",),
+    "feature-models": ("30",),
+}
 
 
 @pytest.fixture(autouse=True)

@@ -32,7 +32,12 @@ class RobotsV1:
 
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return the engine, and Reiter's algorithm beside it, or those that weigh."""
-        others = {"check": ("sat",), "rows": ("library", "sat"), "probable": ("sat", "cda_star", "maxsat")}
+        others = {
+            "check": ("sat",),
+            "conflicts": ("sat", "marco", "optux"),
+            "rows": ("library", "sat"),
+            "probable": ("sat", "cda_star", "maxsat"),
+        }
         return others.get(mode, ("sat", "hs_dag"))
 
     def groups(self, wish: Wish) -> Iterator[Group]:

@@ -1,6 +1,7 @@
 """Diagnoses as hitting sets of conflicts: the way of robots.
 
     all conflicts can be listed (derivations.py)    the parts that share no component, each by itself
+    not Horn, one diagnosis or a bound on size      by_solver.py
     else                                            conflicts on demand: a solver call at each leaf
         several conflicts apart from one another    the regions of the model (regions.py), each by itself
         too many nodes, or too wide                 by_solver.py goes on from what was found
@@ -53,6 +54,18 @@ RANKED_ALTERNATIVES = 1_000
 WIDE_CONFLICT = 60
 """The hitting-set tree branches this much at most; wider conflicts go to a SAT search."""
 
+WIDE_CORE = 24
+"""Where the solver has to be asked to make a core smaller, a wider one goes to a SAT search as it is: the
+diagnoses are found sooner than the conflict is minimal."""
+
+
+class WideCore(TooManyNodes):
+    """A core is wider than WIDE_CORE; `mask` are its components."""
+
+    def __init__(self, mask: int) -> None:
+        super().__init__()
+        self.mask = mask
+
 
 class ByConflicts:
     """See the module."""
@@ -99,13 +112,21 @@ class ByConflicts:
     def _by_found_conflicts(
         self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState
     ) -> None:
-        """Ask the solver for conflicts one by one."""
+        """Ask the solver for conflicts one by one.
+
+        Where propagation does not decide, each takes many questions to be made minimal: the search of a SAT
+        solver has one diagnosis, or those up to a size, sooner.
+        """
         forced = mask_of(what_if.abnormal)
+        bounded = answer.limit == 1 or options.max_size is not None
+        if bounded and not (self._conflicts.horn or options.factored):
+            self._by_solver.go_on(observed, what_if, options, answer, [], 0)
+            return
         search = self._hitting_sets(observed, what_if, answer)
         part = IndependentPart.of_search(search)
         parts = [part]
         try:
-            if search.find_disjoint() > 1 and answer.limit > 1:
+            if self._several(search, observed, what_if) and answer.limit > 1:
                 parts = self._apart(observed, what_if, answer) or parts
             list_diagnoses(parts, forced, options, answer, 0, self._cost)
         except TooManyNodes:
@@ -117,6 +138,16 @@ class ByConflicts:
         finally:
             if self._cnf.modes and len(parts) > 1:
                 self._note_modes(observed, what_if, answer)
+
+    def _several(self, search: HittingSets, observed: SignedObs, what_if: Supposed) -> bool:
+        """Return whether there are conflicts apart from one another, which are found for the search."""
+        try:
+            return search.find_disjoint() > 1
+        except WideCore as core:
+            healthy = outside(self._consistency.health, core.mask | mask_of(what_if.abnormal))
+            if self._consistency.oracle.sat([*observed.numbers, *what_if.numbers, *healthy]):
+                raise
+            return True
 
     def _note_modes(self, observed: SignedObs, what_if: Supposed, answer: SearchState) -> None:
         """Note the fault modes of diagnoses that were put together of parts, as far as there is time."""
@@ -201,7 +232,7 @@ class ByConflicts:
             region: the components, as a mask, that alone matter; None: all.
 
         Raises (the question):
-            TooManyNodes: a conflict is wider than `widest`.
+            TooManyNodes: a conflict is wider than `widest`, or a core than WIDE_CORE.
             NoDiagnosis: a conflict has no component.
         """
         forced = mask_of(what_if.abnormal)
@@ -229,7 +260,10 @@ class ByConflicts:
                     bad = members(mask)
                     answer.modes[bad] = self._consistency.modes_of(bad, oracle.model() or ())
                 return None
-            conflict: Known = conflicts.shrink(oracle, oracle.core() or (), observed, what_if)
+            core = oracle.core() or ()
+            if not conflicts.horn and widest == WIDE_CONFLICT and region is None and len(core) > WIDE_CORE:
+                raise WideCore(conflicts.rough(core, what_if).mask)
+            conflict: Known = conflicts.shrink(oracle, core, observed, what_if)
             if not conflict.mask:
                 raise NoDiagnosis
             if plain:

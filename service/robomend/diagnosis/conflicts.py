@@ -192,7 +192,8 @@ class Conflicts:
             OutOfTime.
         """
         components, observations = apart(core, len(self._cnf.components), supposed.healthy)
-        if not self._cnf.weak or (components_only and len(components) <= ASKED_AT_ONCE):
+        asked_at_once = ASKED_AT_ONCE if components_only else 0
+        if not self._cnf.weak or self._mostly_nobodys or len(components) <= asked_at_once:
             background = [*supposed.numbers, *observed.numbers]
             kept, rest, minimal = minimised(
                 oracle,
@@ -225,6 +226,11 @@ class Conflicts:
         found = Known.of(kept, rest, minimal)
         found.under = observed
         return found
+
+    @cached_property
+    def _mostly_nobodys(self) -> bool:
+        """Whether so many clauses name no component that those of a few components are much of the model."""
+        return 4 * len(self._clauses_by_component.get(0, ())) > len(self._cnf.clauses)
 
     def rough(self, core: Iterable[int], supposed: Supposed) -> Known:
         """Return the conflict that a core is, as it is."""

@@ -7,10 +7,11 @@ looked up first among what the search found, and asked of the solver where that 
 Questions are bounded. A conflict that was not made minimal within the bound is told as such; conflicts that
 found no room, or no time, are said to be missing. The diagnoses are what they are either way.
 
-Conflicts of circuits have hundreds of gates, and to make one minimal takes longer than to find the diagnosis.
-There two walks over the gates find what they can (circuits/traces.py), the solver's cores tell the rest, and
-neither is made smaller than a few questions make it. All minimal conflicts are listed where they are asked
-for: sets of components that may be healthy together, as far as is known, are tried until there is none left.
+Conflicts of circuits have hundreds of gates, and to make one minimal takes longer than to find the diagnosis:
+so it does wherever a SAT solver had the diagnosis sooner. There two walks over the gates find what they can
+(circuits/traces.py), the solver's cores tell the rest, and neither is made smaller than a few questions make
+it. All minimal conflicts are listed where they are asked for: sets of components that may be healthy
+together, as far as is known, are tried until there is none left.
 
     set that no known conflict is in ──► consistent?  yes ──► none of its subsets again
               ▲                               │ no
@@ -113,8 +114,8 @@ class Justification:
             self._conflicts.reserve_telling()
             if self._everything:
                 return self._all_minimal()
-            if self._circuit:
-                return self._of_circuit(answer.cores)
+            if self._circuit or (answer.cores and not met and self._consistency.cnf.weak):
+                return self._within_bounds(answer.cores)
             while met:
                 one = met.pop(0)
                 within = any(one.mask & smaller == smaller for smaller in kept)
@@ -147,9 +148,9 @@ class Justification:
             if found is not None:
                 kept[found.mask] = found
 
-    # --- of circuits ------------------------------------------------------------------------------
+    # --- of circuits, and where a SAT solver searched ---------------------------------------------
 
-    def _of_circuit(self, met: Sequence[list[int]]) -> list[Known]:
+    def _within_bounds(self, met: Sequence[list[int]]) -> list[Known]:
         """Return for each member of the first diagnoses a conflict that needs it, within the bounds.
 
         Args:
