@@ -9,9 +9,10 @@ from pathlib import Path
 
 from robomend.cli.files import near_file
 from robomend.errors import InputError
+from robomend_batch.logs.compressed import without_ending
 
 ENDINGS = (".bag", ".bag.active", ".mcap", ".db3", ".parquet", ".csv", ".ndjson", ".jsonl")
-"""What is taken of a folder."""
+"""What is taken of a folder, compressed as well."""
 
 MOST = 1_000_000
 
@@ -49,7 +50,9 @@ def _matching(pattern: str) -> Iterable[str]:
         return sorted(
             os.path.normpath(entry)
             for entry in path.rglob("*")
-            if entry.is_file() and entry.name.lower().endswith(ENDINGS)
+            if without_ending(entry.name.lower()).endswith(ENDINGS)
+            and entry.is_file()
+            and (entry == (plain := entry.with_name(without_ending(entry.name))) or not plain.exists())
         )
     if path.exists():
         return [os.path.normpath(pattern)]

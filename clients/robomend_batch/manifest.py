@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -172,7 +173,9 @@ def keep_parts(out: Path, wanted: frozenset[str]) -> None:
     folder = out / RESULTS
     for file in folder.iterdir() if folder.is_dir() else ():
         part = file.with_suffix(".parquet").name if file.suffix == PIECE else file.name
-        if file.suffix in {".tmp", ENDING} or (file.suffix in {".parquet", PIECE} and part not in wanted):
+        if file.is_dir():  # of a log that was being unpacked
+            shutil.rmtree(file, ignore_errors=True)
+        elif file.suffix in {".tmp", ENDING} or (file.suffix in {".parquet", PIECE} and part not in wanted):
             file.unlink(missing_ok=True)
 
 

@@ -17,6 +17,7 @@ from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
 from robomend_batch.logs.blocks import Advance, Opened, Place, Restart, Shown
+from robomend_batch.logs.compressed import is_compressed, plain_log
 from robomend_batch.logs.kinds import READERS, kind_of
 from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, PartFolder, Parts
@@ -88,25 +89,32 @@ class Diagnoser:
     def diagnose_for(self, name: str, span_s: float) -> list[Record] | None:
         """Do the same for so long; None: it is to be asked again, and goes on where it was left."""
         path = Path(name)
+        if is_compressed(path):  # to go on it would have to be unpacked again
+            span_s = math.inf
         until_s = monotonic() + span_s
         next_s = 0.0
         unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays, span_s)
         logs = unfinished.load() or _Logs(name, self.setup, self._answers, self._observing, self._folder)
         kind = None
         try:
-            kind = kind_of(path)
-            for log, what in READERS[kind](path, logs.opened):
-                if not isinstance(what, Place):
-                    logs.log(log).take(what)
-                    continue
-                if monotonic() >= next_s:
-                    self.on_share(what.share)
-                    next_s = monotonic() + SHARES_S
-                if unfinished.due:
-                    logs.opened.begun = what.state
-                    unfinished.save(logs)
-                    if unfinished.kept and monotonic() >= until_s:
-                        return None
+            with plain_log(path, unpacked_folder(self.setup.out, name)) as plain:
+                logs.opened.problems.called = str(plain.path), name
+                kind = kind_of(plain.path)
+                for log, what in READERS[kind](plain.path, logs.opened):
+                    if not isinstance(what, Place):
+                        logs.log(log).take(what)
+                        continue
+                    if monotonic() >= next_s:
+                        self.on_share(what.share)
+                        next_s = monotonic() + SHARES_S
+                    if unfinished.due:
+                        logs.opened.begun = what.state
+                        unfinished.save(logs)
+                        if unfinished.kept and monotonic() >= until_s:
+                            return None
+                if plain.problem:
+                    logs.opened.problems.add(name, f"ended early: {plain.problem}", bad=True)
+                    logs.opened.ended_early = True
             return logs.finish(kind)
         except LogRefused as error:
             logs.drop()
@@ -231,6 +239,11 @@ def refused(name: str, kind: str | None, problems: Problems, state: str = "refus
 def state_file(out: Path, name: str) -> Path:
     """Return where the state of a file in hand is kept."""
     return out / RESULTS / f"{file_name(name)}{ENDING}"
+
+
+def unpacked_folder(out: Path, name: str) -> Path:
+    """Return where a file that is compressed is unpacked for as long as it is read."""
+    return out / RESULTS / f"{file_name(name)}.tmp"
 
 
 def file_name(log: str) -> str:

@@ -34,6 +34,8 @@ class Problems:
         self._count: Counter[tuple[str, str]] = Counter()
         self._bad: set[tuple[str, str]] = set()
         self.left_out = 0
+        self.called = "", ""
+        """A path, and what it is called in its place: that of an unpacked log."""
 
     def add(self, place: str, reason: str, *, bad: bool) -> None:
         """Note a problem.
@@ -43,6 +45,9 @@ class Problems:
             reason: in words; on one line, whatever a library's error looks like.
             bad: it makes the log a bad one; otherwise it is worth knowing only.
         """
+        path, name = self.called
+        if path != name:
+            place, reason = place.replace(path, name), reason.replace(path, name)
         reason = " ".join(reason.split())
         key = place, reason
         if key not in self._count and len(self._count) >= MOST:

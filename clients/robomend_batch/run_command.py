@@ -151,7 +151,7 @@ def _diagnosed(names: list[str], model: str, out: Path, begun: list[Started], **
             observers,
             given["time"] == "header",
             given["together"],
-            given["code"],
+            code=given["code"],
         ),
         names,
         overwrite=given["overwrite"],

@@ -20,6 +20,8 @@ from tests.robomend_batch.running import batch_run
 from tests.robomend_batch.test_kill import many_logs
 from tests.waiting import until
 
+from robomend.batches import one_batch
+
 
 def processes(batch: str) -> list[int]:
     """Return the processes of a batch: whose command line names its folder, and their groups."""
@@ -122,6 +124,39 @@ def test_a_batch_that_runs_longer_than_it_may_has_failed_and_says_so(start: Star
     until(lambda: not processes(batch), "its program ends")
     assert service.api("GET", f"/batches/{batch}/result").status_code == 404
     until(lambda: not (service.runtime.settings.data / "batches" / batch / "logs").exists(), "uploads go")
+
+
+def test_a_batch_that_runs_longer_than_its_size_needs_has_failed(
+    start: StartService, many: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(one_batch, "LEAST_S", 0.01)
+    monkeypatch.setattr(one_batch, "SECONDS_A_MB", 0.0)
+    service = start(batch_nice=0)
+    service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+    found = ended(service, service.api("POST", "/batches", **uploads(many)).json()["id"])
+    assert found["state"] == "failed"
+    assert "MB never take" in found["message"]
+
+
+def test_a_batch_that_takes_long_holds_up_no_other_and_gets_on(
+    start: StartService, many: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(one_batch, "FIRST_TURN_S", 0.1)
+    monkeypatch.setattr(one_batch, "TELL_S", 0.1)
+    service = start(batch_nice=0)
+    service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+    long = service.api("POST", "/batches", **uploads(many)).json()["id"]
+    running(long)
+    short = service.api("POST", "/batches", **form(("a.ndjson", SCAN))).json()["id"]
+    assert ended(service, short)["state"] == "done"
+    entries = service.api("GET", "/audit").json()["items"]
+    assert [one["action"] for one in entries if one["subject"] == long].count("batch.interrupted") >= 1
+    assert ended(service, long)["state"] == "done"
+    model = tmp_path / "model.yaml"
+    model.write_text(TEDUSAR)
+    assert batch_run(tmp_path / "out", many, "--minimal", "cardinality", model=model) == 0
+    found = service.api("GET", f"/batches/{long}/result").text
+    assert found == (tmp_path / "out" / "results.ndjson").read_text().replace(f"{many}/", "")
 
 
 def test_an_upload_that_is_cut_off_leaves_nothing(batching: Service) -> None:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from robomend_batch.learn.stretches import Stretch, Times, cut
+from robomend_batch.logs.compressed import plain_log
 from robomend_batch.logs.fields import compile_field, plain
 from robomend_batch.logs.kinds import RECORDINGS, kind_of
 from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
@@ -160,33 +163,37 @@ def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: No
     """Read logs; those that cannot be read are among the problems."""
     found = Gathered()
     for name in names:
-        path = Path(name)
         try:
-            recording = open_log(path)
+            with open_log(Path(name)) as recording:
+                _Reader(found, recording, Path(name)).read()
         except LogRefused as error:
-            found.problems.add(error.place or name, error.reason, bad=True)
+            found.problems.add(name, error.reason, bad=True)
             continue
-        try:
-            _Reader(found, recording, path).read()
-        finally:
-            recording.close()
         on_log(name)
     found.stretches = cut(found.spans_ns)
     return found
 
 
-def open_log(path: Path) -> Recording:
-    """Return a recording of messages; LogRefused if it is none, or cannot be read."""
-    kind = kind_of(path)
-    if kind not in RECORDINGS:
-        kinds = ", ".join(RECORDINGS)
-        raise LogRefused(
-            f"{kind} is no recording of messages ({kinds}): nothing is learned from it", str(path)
-        )
-    try:
-        return RECORDINGS[kind](path)
-    except Unreadable as error:
-        raise LogRefused(str(error), str(path)) from error
+@contextmanager
+def open_log(path: Path) -> Iterator[Recording]:
+    """Open a recording of messages; LogRefused if it is none, or cannot be read."""
+    with TemporaryDirectory(prefix="robomend-learn-") as folder, plain_log(path, Path(folder)) as plain:
+        kind = kind_of(plain.path)
+        if kind not in RECORDINGS:
+            kinds = ", ".join(RECORDINGS)
+            raise LogRefused(
+                f"{kind} is no recording of messages ({kinds}): nothing is learned from it", str(path)
+            )
+        try:
+            recording = RECORDINGS[kind](plain.path)
+        except Unreadable as error:
+            raise LogRefused(str(error), str(path)) from error
+        try:
+            if plain.problem:
+                recording.notes.add(plain.problem, bad=True)
+            yield recording
+        finally:
+            recording.close()
 
 
 class _Reader:

@@ -34,8 +34,7 @@ def _of_log(observing: Observing, path: Path, stretches: Sequence[Stretch]) -> C
     def count(changes: Sequence[Change]) -> None:
         found.update(c.atom for c in changes if c.value is not None and not c.value.positive)
 
-    recording = open_log(path)
-    try:
+    with open_log(path) as recording:
         wants = Wants(recording.channels, observing.specs, path, Problems(), by_header=False)
         drivers = [
             Driver([spec.make() for spec in wants.specs], stretch.start_ns, lenient=observing.lenient)
@@ -55,6 +54,4 @@ def _of_log(observing: Observing, path: Path, stretches: Sequence[Stretch]) -> C
                 count(drivers[here].sample(source, time_ns, value))
         for driver, stretch in zip(drivers, stretches, strict=True):
             count(driver.advance(stretch.end_ns - 1))
-    finally:
-        recording.close()
     return found

@@ -16,8 +16,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import yaml
+
 from robomend_batch.logs.db3_cut import CutDb3
 from robomend_batch.logs.recorded import DAMAGED, HOLE, Channel, Message, Notes, Recording, Unreadable, hole
+from robomend_batch.logs.stamps import LATEST_NS
+from robomend_client.observers.base import SECOND
 from robomend_client.observers.driver import JUMP_NS
 
 HEADER = struct.Struct(">16xH10xI")
@@ -26,6 +30,11 @@ HEADER = struct.Struct(">16xH10xI")
 
 MOST_FAR = 100
 """Stamps far from their neighbours that are left out at the beginning of a file, and at its end."""
+
+NAME = re.compile(r"^\s*name: [\"']?(/[^\s\"']+)", re.MULTILINE)
+"""Of the recorder's metadata: a topic."""
+
+MOST_METADATA = 1 << 20
 
 DAMAGE = (*DAMAGED, sqlite3.Error)
 """What comes of damaged pages: errors of SQLite, whose text may be no UTF-8, and columns of other kinds."""
@@ -123,7 +132,10 @@ class Db3:
         has_index = self._base.execute(query).fetchone()[0]
         index = self._sums(f"SELECT {sums} FROM messages INDEXED BY timestamp_idx") if has_index else None
         if table is not None and (index == table[:5] or not has_index) and isinstance(table[4], int):
-            self.start_ns, self.end_ns = self._edge(table[3], 1), self._edge(table[4], -1)
+            if table[3] < 0 or table[4] > LATEST_NS:
+                self.notes.add("damaged: a stamp that no clock shows: left out", bad=True)
+            self.start_ns = self._edge(max(table[3], 0), 1)
+            self.end_ns = self._edge(min(table[4], LATEST_NS), -1)
             return
         self.notes.add("damaged: its rows and its index disagree about times", bad=True)
         self._rows = _Rows(self._base, self.notes, has_index)
@@ -156,12 +168,18 @@ class Db3:
         return time_ns
 
     def _compare(self, path: Path) -> None:
-        """Hold the topics against what the recorder wrote about all of them when it was done."""
-        names = _names(self._base, path)
+        """Hold topics and times against what the recorder wrote about all of them when it was done."""
+        text = _metadata(self._base, path)
+        names = set(NAME.findall(text))
         here = {f"/{channel.topic}" for channel in self.channels}
         if names and not here <= names:
             strange = ", ".join(sorted(here - names))
             self.notes.add(f"damaged: its metadata do not know the topic {strange}", bad=True)
+        span = _span(text)
+        if span is None or self.start_ns is None or self.end_ns is None:
+            return
+        if self.start_ns < span[0] - SECOND or self.end_ns > span[1] + SECOND:
+            self.notes.add("damaged: its metadata have other times", bad=True)
 
     def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         if not wanted:
@@ -255,13 +273,24 @@ def _until_damaged(base: sqlite3.Connection, query: str) -> list[tuple[int, int,
     return found
 
 
-def _names(base: sqlite3.Connection, path: Path) -> set[str]:
-    """Return the topics that the recorder's metadata name, in the file (since Iron) or beside it."""
+def _metadata(base: sqlite3.Connection, path: Path) -> str:
+    """Return what the recorder wrote when it was done, in the file (since Iron) or beside it; else ""."""
     try:
         row = base.execute("SELECT metadata FROM metadata ORDER BY id DESC LIMIT 1").fetchone()
-        text = str(row[0]) if row else ""
+        return str(row[0]) if row else ""
     except sqlite3.Error:
         beside = path.with_name("metadata.yaml")
         text = beside.read_text("utf-8", errors="replace") if beside.is_file() else ""
-        text = text if path.name in text else ""
-    return set(re.findall(r"^\s*name: [\"']?(/[^\s\"']+)", text, re.MULTILINE))
+        return text if path.name in text else ""
+
+
+def _span(metadata: str) -> tuple[int, int] | None:
+    """Return from when to when all was recorded; None where the metadata do not say: it was never closed."""
+    try:
+        read = yaml.safe_load(metadata[:MOST_METADATA])
+        said = read.get("rosbag2_bagfile_information", read)
+        start_ns = int(said["starting_time"]["nanoseconds_since_epoch"])
+        end_ns = start_ns + int(said["duration"]["nanoseconds"])
+        return (start_ns, end_ns) if said["message_count"] else None
+    except (yaml.YAMLError, *DAMAGED):
+        return None

@@ -14,7 +14,7 @@ import struct
 from binascii import crc32
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -59,7 +59,9 @@ FOOTER = struct.Struct("<QQI")
 END_BYTES = RECORD.size + FOOTER.size + len(MAGIC)
 
 HEADER, FOOT, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
-ATTACHMENT, STATISTICS, METADATA, DATA_END = 9, 11, 12, 15
+CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 8, 9, 11, 12, 15
+CHUNK_PLACE = struct.Struct("<QQQ")
+"""Of a chunk's index: first and last time, and where it is."""
 
 LATEST = 1 << 62
 
@@ -239,6 +241,7 @@ class _Summary:
     schemas: dict[int, Schema]
     channels: dict[int, Channel]
     counts: Mapping[int, int] | None = None  # of messages, by channel
+    places: set[int] = field(default_factory=set)  # of chunks
     damaged: bool = False
 
 
@@ -252,6 +255,7 @@ class StreamedMcap:
         self.cut: str | None = None
         self.notes = Notes()
         self._known: dict[int, Channel] = {}
+        self._places: set[int] = set()  # of chunks
         counts: Counter[int] = Counter()
         span = Span()
         summary = _Summary({}, {})
@@ -280,6 +284,8 @@ class StreamedMcap:
         if summary.damaged:
             self.notes.add("its summary is damaged: all of its messages were read", bad=False)
             return
+        if summary.places and summary.places != self._places:
+            self.notes.add("damaged: its chunks are not where its index has them", bad=True)
         for number, channel in self._known.items():
             other = summary.channels.get(number, channel)
             if other != channel:
@@ -318,6 +324,7 @@ class StreamedMcap:
                     yield from self._left(schemas, wanted, every)
                 return
             if operation == CHUNK:
+                self._places.add(at)
                 try:
                     found = self._of_chunk(file, at, length, schemas, wanted, every)
                 except DAMAGE as error:
@@ -425,6 +432,8 @@ class StreamedMcap:
             for operation, content in _records(rest[:-8]):
                 if operation == STATISTICS:
                     summary.counts = Statistics.read(ReadDataStream(BytesIO(content))).channel_message_counts
+                elif operation == CHUNK_INDEX:
+                    summary.places.add(CHUNK_PLACE.unpack_from(content)[2])
                 elif operation in (SCHEMA, CHANNEL):
                     _declared(operation, content, summary.schemas, summary.channels)
         except DAMAGE:

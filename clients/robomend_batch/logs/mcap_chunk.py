@@ -18,9 +18,9 @@ from robomend_batch.logs import lz4_cut
 from robomend_batch.logs.chunk import LARGEST_CHUNK
 
 if sys.version_info >= (3, 14):
-    from compression import zstd
+    from compression import zstd as zstd
 else:
-    from backports import zstd
+    from backports import zstd as zstd
 
 ZstdError = zstd.ZstdError
 

@@ -372,7 +372,7 @@ class Driver:
         touched: dict[Atom, None] = {}
         ticks = self._ticks
         tick_ns = ticks.next_ns
-        while tick_ns <= until_ns:
+        while tick_ns <= until_ns and tick_ns != NEVER:
             if tick_ns > self.now_ns:
                 self.now_ns = tick_ns
             state = ticks.pop()

@@ -127,6 +127,7 @@ class Batches:
     async def _attend(self, place: str) -> None:
         """Begin what is open and nobody does; end what was cancelled."""
         open_ones = await self._store.read(batch_jobs.open_ones, place)
+        open_ones = tuple(sorted(open_ones, key=lambda one: one.data.get("turns", 0)))  # then the oldest
         known = {job.id for job in open_ones}
         for job, task in [*self._running.items()]:
             if job not in known and await self._cancelled(job):
@@ -165,8 +166,10 @@ class Batches:
             # Another process may have ended it between our look and our lock.
             job = await self._store.read(batch_jobs.get, job.id)
             if job.open:
-                await OneBatch(self._store, self._settings, job, folder, lock).run()
-            await asyncio.to_thread(folder.forget_uploads)
+                waits = partial(self._others_wait, job.place)
+                await OneBatch(self._store, self._settings, job, folder, lock, waits).run()
+            if not (await self._store.read(batch_jobs.get, job.id)).open:
+                await asyncio.to_thread(folder.forget_uploads)
         except StateConflict:
             log.info("a batch was cancelled", batch=job.id)
         except RobomendError as error:  # the database is away: it is taken up again
@@ -179,6 +182,11 @@ class Batches:
             if lock is not None:
                 lock.close()
             slot.close()
+
+    async def _others_wait(self, place: str) -> bool:
+        """Return whether a batch waits for a slot."""
+        open_ones = await self._store.read(batch_jobs.open_ones, place)
+        return len(open_ones) > self._settings.batches_at_once
 
     def _ended(self, job: str, _: asyncio.Task[None]) -> None:
         del self._running[job]

@@ -12,7 +12,10 @@ from pathlib import Path, PurePosixPath
 from robomend.errors import InputError, NotFound, Refused
 
 ENDINGS = (".bag", ".bag.active", ".mcap", ".db3", ".parquet", ".csv", ".ndjson", ".jsonl")
-"""What is taken of a folder, as by `robomend-batch`."""
+"""What is taken of a folder, as by `robomend-batch`, …"""
+
+COMPRESSED = re.compile(r"\.(zstd|zst|gz|bz2)\Z")
+"""… or compressed: then this follows."""
 
 UPLOAD = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+\-]{0,199}")
 """The name of an uploaded log: of a file, not of a path, and no option."""
@@ -29,9 +32,16 @@ def check_upload(name: str) -> str:
         raise Refused(f"{name[:80]!r} is a path: an uploaded log has the name of a file only")
     if not UPLOAD.fullmatch(name):
         raise InputError(f"{name[:80]!r}: an uploaded log is named by letters, digits and ._+- only")
-    if not name.lower().endswith(ENDINGS):
-        raise InputError(f"{name}: a log ends in one of {', '.join(ENDINGS)}")
+    if not is_log(name):
+        raise InputError(
+            f"{name}: a log ends in one of {', '.join(ENDINGS)}, and .gz, .bz2 or .zst behind it"
+        )
     return name
+
+
+def is_log(name: str) -> bool:
+    """Return whether a file is a log, by its name."""
+    return COMPRESSED.sub("", name.lower()).endswith(ENDINGS)
 
 
 def find_below(folder: Path, patterns: Sequence[str], most: int) -> list[str]:
@@ -88,7 +98,7 @@ def _matching(root: Path, pattern: str) -> Iterator[str]:
             yield pattern
             return
         prefix = "" if pattern == "." else f"{pattern}/"
-        yield from (f"{prefix}{name}" for name in _walk(check) if name.lower().endswith(ENDINGS))
+        yield from (f"{prefix}{name}" for name in _walk(check) if is_log(name))
         return
     yield from (name for name in _walk(root) if _fits(pattern, name))
 

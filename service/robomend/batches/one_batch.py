@@ -1,7 +1,8 @@
 """One batch, from its beginning or from where a crash left it: the run, then its report.
 
 The command is the same each time, and robomend-batch goes on where it was killed. A batch that is killed time
-and again without getting on is given up.
+and again without getting on is given up. One that takes long while others wait lets them go first, and goes
+on behind them: each of its turns is twice as long as the one before, so that it gets on whatever comes.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import json
 import re
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,14 @@ from robomend.store import Store
 from robomend.store.records import StoredBatchJob
 
 log = structlog.get_logger("robomend.batches.one_batch")
+
+FIRST_TURN_S = 30.0
+"""Before a batch lets those go first that wait."""
+
+LEAST_S, SECONDS_A_MB = 900.0, 10.0
+"""What logs may take: so long in any case, and so much for each of their megabytes. A gigabyte of messages
+takes some minutes.
+"""
 
 MOST_DEATHS = 3
 """Of the program, without a further log done in between."""
@@ -53,24 +62,39 @@ def without_places(message: str, roots: Iterable[Path | str | None]) -> str:
     return PLACE.sub("…/", message)
 
 
+class _LetsOthers(Exception):
+    """Its turn is over."""
+
+
 class OneBatch:
     """See the module."""
 
     def __init__(
-        self, store: Store, settings: Settings, job: StoredBatchJob, folder: BatchFolder, lock: FileLock
+        self,
+        store: Store,
+        settings: Settings,
+        job: StoredBatchJob,
+        folder: BatchFolder,
+        lock: FileLock,
+        others_wait: Callable[[], Awaitable[bool]],
     ) -> None:
         self._store = store
         self._settings = settings
         self._job = job
         self._folder = folder
         self._lock = lock
+        self._others_wait = others_wait
 
     async def run(self) -> None:
-        """Carry it out.
+        """Carry it out, or until its turn is over.
 
         Raises:
             StateConflict: somebody has cancelled it.
         """
+        with contextlib.suppress(_LetsOthers):
+            await self._run()
+
+    async def _run(self) -> None:
         try:
             names = await asyncio.to_thread(self._names)
         except (OSError, ValueError) as error:
@@ -80,7 +104,8 @@ class OneBatch:
             await self._end(BatchTrigger.BROKEN, str(error))
             return
         while True:
-            left_s = self._settings.batch_hours * 3600 - self._job.data["ran_s"]
+            most_s, why = await asyncio.to_thread(self._most, names)
+            left_s = most_s - self._job.data["ran_s"]
             started_ns = self._job.data["started_ns"] or time.time_ns()
             self._job = await self._take(BatchTrigger.STARTED, started_ns=started_ns)
             arguments = run_arguments(
@@ -88,7 +113,6 @@ class OneBatch:
             )
             code = await self._watched(arguments, left_s)
             if code is None:
-                why = f"it ran longer than {self._settings.batch_hours:g} hours (batch_hours)"
                 await self._end(BatchTrigger.BROKEN, why)
                 return
             if code >= 0:
@@ -106,6 +130,22 @@ class OneBatch:
             await self._end(BatchTrigger.FINISHED, "" if code == OK else self._said())
         else:
             await self._end(BatchTrigger.BROKEN, self._said() or f"its program ended with {code}")
+
+    def _most(self, names: Sequence[str]) -> tuple[float, str]:
+        """Return how long it may run, and what is said if that does not do."""
+        folder = self._folder.logs if self._job.data["uploaded"] else Path(self._job.data["folder"])
+        size = 0
+        for name in names:
+            with contextlib.suppress(OSError):
+                size += (folder / name).stat().st_size
+        hours_s = self._settings.batch_hours * 3600
+        size_s = LEAST_S + SECONDS_A_MB * size / 1e6
+        if size_s < hours_s:
+            return (
+                size_s,
+                f"it ran longer than {size_s / 60:.0f} minutes, which {size / 1e6:.1f} MB never take",
+            )
+        return hours_s, f"it ran longer than {self._settings.batch_hours:g} hours (batch_hours)"
 
     def _names(self) -> list[str]:
         """Return the logs; a link may lead elsewhere since they were named."""
@@ -131,10 +171,14 @@ class OneBatch:
     async def _watched(self, arguments: list[str], left_s: float) -> int | None:
         """Run the program, and note meanwhile how far it is."""
         running = asyncio.ensure_future(self._program(arguments, left_s))
-        began_s, ran_s = time.monotonic(), self._job.data["ran_s"]
+        began_s, ran_s, turns = time.monotonic(), self._job.data["ran_s"], self._job.data.get("turns", 0)
         try:
             while not (await asyncio.wait({running}, timeout=TELL_S))[0]:
-                await self._note(ran_s + time.monotonic() - began_s)
+                took_s = time.monotonic() - began_s
+                await self._note(ran_s + took_s)
+                if took_s >= FIRST_TURN_S * 2**turns and await self._others_wait():
+                    await self._take(BatchTrigger.INTERRUPTED, turns=turns + 1)
+                    raise _LetsOthers
             return running.result()
         except OSError as error:
             log.warning("the program of a batch cannot be started", batch=self._job.id, detail=str(error))

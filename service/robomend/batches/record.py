@@ -45,6 +45,7 @@ def new_batch(tx: Transaction, job: str, *, place: str, data: Mapping[str, Any],
         "started_ns": None,
         "deaths": 0,
         "ran_s": 0.0,
+        "turns": 0,  # after which it let others go first
     }
     made = batch_jobs.create(tx, job, place=place, state=INITIAL, data={**begun, **data}, most=most)
     _tell(tx, made)

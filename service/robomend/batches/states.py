@@ -22,7 +22,9 @@ class BatchTrigger(StrEnum):
     """What happens to a batch."""
 
     STARTED = "its program is started"
-    INTERRUPTED = "the service ended, or its program was killed; the same command goes on"
+    INTERRUPTED = (
+        "its program ended with the service, was killed, or let others go first; the same command goes on"
+    )
     FINISHED = "its program has written the results"
     BROKEN = "its program failed, or was killed time and again, or ran too long"
     CANCELLED = "a person cancelled it"
