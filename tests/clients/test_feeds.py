@@ -14,23 +14,12 @@ import pytest
 from tests.clients.service_double import eventually
 
 from robomend_client.agent.config import load
-from robomend_client.agent.feeds import FEEDS, NEEDS, MissingExtra, Samples, field_of
+from robomend_client.agent.feeds import FEEDS, NEEDS, MissingExtra, Samples
 from robomend_client.agent.main import main
 from robomend_client.agent.usage import Usage
 from robomend_client.yaml_reader import ConfigError
 
 TWIST = {"twist": {"angular": {"z": 0.5}}, "ranges": [1.0, 2.0]}
-
-
-def test_a_dotted_path_leads_into_mappings_and_lists() -> None:
-    assert field_of(TWIST, "twist.angular.z") == 0.5
-    assert field_of(TWIST, "ranges.1") == 2.0
-
-
-@pytest.mark.parametrize("path", ["twist.linear", "ranges.2", "ranges.x", "twist.angular.z.more", ""])
-def test_a_field_that_is_not_there_is_named(path: str) -> None:
-    with pytest.raises(LookupError, match=f"no field {path}: "):
-        field_of(TWIST, path)
 
 
 def test_each_observer_gets_what_it_wants_of_a_message() -> None:

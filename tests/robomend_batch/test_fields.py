@@ -13,7 +13,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from robomend_batch.logs.columns import compile_column
-from robomend_batch.logs.fields import compile_field, value_at
+from robomend_batch.logs.fields import compile_field
+from robomend_client.bridges.fields import MissingField, value_at
 from robomend_client.bridges.unpacking import EMPTY, NoField, unpacker
 
 STORES = {"ros1": get_typestore(Stores.ROS1_NOETIC), "ros2": get_typestore(Stores.ROS2_HUMBLE)}
@@ -84,7 +85,9 @@ def test_a_field_alone_is_the_field_of_the_whole(package: str, encoding: str) ->
             for path, extract in extracts.items():
                 try:
                     expected = value_at(whole, path)
-                except IndexError:
+                except MissingField:
+                    with pytest.raises(MissingField):
+                        extract(data)
                     continue
                 assert extract(data) == expected, f"{name} {path}"
                 compared += 1
@@ -170,7 +173,10 @@ def test_big_endian_messages_are_read_too() -> None:
     [
         ("angular_velocity", "more than one value"),
         ("angular_velocity.w", "has x, y, z"),
-        ("orientation_covariance.x", "'x' is not there"),
+        ("orientation_covariance.x", r"'x' is in a list, write \[0\], \[-1\] or \[key=value\] before it"),
+        ("header[0]", "'0' is not there"),
+        ("orientation_covariance[x=1]", "elements that are no messages have no keys, write"),
+        ("header.stamp[", r"is no path at .*: write field.field, field\[0\]"),
         ("header.stamp.sec.x", "'x' is not there"),
     ],
 )
@@ -179,3 +185,76 @@ def test_a_field_that_is_not_there_is_named(path: str, reason: str) -> None:
         compile_field(
             STORES["ros2"].fielddefs, "sensor_msgs/msg/Imu", path, cdr=True, whole=lambda data: None
         )
+
+
+def statuses(store: Any, count: int, cdr: bool) -> bytes:
+    """Return a list of goals as an action server publishes it: the n-th has the id and the status n."""
+    t = store.types
+    stamp = t["builtin_interfaces/msg/Time"](7, 8)
+    header = t["std_msgs/msg/Header"]
+    if cdr:
+        made = [
+            t["action_msgs/msg/GoalStatus"](
+                t["action_msgs/msg/GoalInfo"](
+                    t["unique_identifier_msgs/msg/UUID"](np.full(16, n % 256, np.uint8)), stamp
+                ),
+                n % 7,
+            )
+            for n in range(count)
+        ]
+        kind = "action_msgs/msg/GoalStatusArray"
+        return bytes(store.serialize_cdr(t[kind](made), kind))
+    made = [
+        t["actionlib_msgs/msg/GoalStatus"](
+            t["actionlib_msgs/msg/GoalID"](stamp, f"g{n}"), n % 10, "x" * (n % 5)
+        )
+        for n in range(count)
+    ]
+    kind = "actionlib_msgs/msg/GoalStatusArray"
+    return bytes(store.serialize_ros1(t[kind](header(0, stamp, "f"), made), kind))
+
+
+@pytest.mark.parametrize("encoding", STORES)
+@pytest.mark.parametrize("count", [1, 3, 10_000])
+def test_elements_of_a_list_are_those_from_its_end_or_those_that_a_key_names(
+    encoding: str, count: int
+) -> None:
+    store, cdr = STORES[encoding], encoding == "ros2"
+    kind = "action_msgs/msg/GoalStatusArray" if cdr else "actionlib_msgs/msg/GoalStatusArray"
+    data = statuses(store, count, cdr)
+    key = f"goal_info.goal_id={'00' * 16}" if cdr else "goal_id=g0"
+
+    def read(path: str) -> Any:
+        extract = unpacker(store.fielddefs, kind, path, cdr=cdr, exact=True)
+        assert extract is not None
+        return extract(data)
+
+    most = 7 if cdr else 10
+    last = read("status_list[-1]")
+    assert last["status"] == read("status_list[-1].status") == (count - 1) % most
+    assert last["goal_info" if cdr else "goal_id"]["stamp"] == {"sec": 7, "nanosec": 8}
+    assert read(f"status_list[{key}].status") == read("status_list.0.status") == 0
+    assert [one["status"] for one in read("status_list[-2:]")] == [n % most for n in range(count)][-2:]
+    assert read("status_list[-64:].status") == [n % most for n in range(count)][-64:]
+    assert read("status_list[0].status,status_list[-1].status") == {
+        "status_list[0].status": 0, "status_list[-1].status": (count - 1) % most,
+    }  # fmt: skip
+    for path, why in (
+        (f"status_list[{count}].status", f"the list has {count} elements"),
+        ("status_list[status=99].status", r"no element has \[status=99\]"),
+    ):
+        with pytest.raises(MissingField, match=why):
+            read(path)
+    with pytest.raises((ValueError, struct.error)):
+        unpacker(store.fielddefs, kind, "status_list[-1].status", cdr=cdr)(data[:-8])  # type: ignore[misc]
+    with pytest.raises(NoField, match=r"has .*status"):
+        read("status_list[stats=1].status")
+
+
+def test_a_list_that_says_to_be_longer_than_its_message_is_refused_at_once() -> None:
+    extract = unpacker(
+        STORES["ros2"].fielddefs, "action_msgs/msg/GoalStatusArray", "status_list[-1].status", cdr=True
+    )
+    assert extract is not None
+    with pytest.raises(ValueError, match="a list of 4294967295 elements"):
+        extract(b"\0\1\0\0\xff\xff\xff\xff")

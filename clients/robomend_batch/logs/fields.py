@@ -6,6 +6,7 @@ import struct
 from typing import Any
 
 from robomend_batch.logs.mcap_chunk import unpacked
+from robomend_client.bridges.fields import value_at
 from robomend_client.bridges.unpacking import HEADERS, Extract, Fields, unpacker
 
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -29,7 +30,7 @@ def compile_field(
     Args:
         fields: of the typestore.
         type_name: of the message.
-        path: dotted, e.g. `twist.twist.linear.x`; a number is a place in an array or sequence.
+        path: see paths.py, e.g. `twist.twist.linear.x`, `ranges[-1]`.
         cdr: ROS 2's encoding, else ROS 1's.
         whole: makes the whole message, for what cannot be skipped.
         exact: refuse messages that are longer or shorter than their type.
@@ -53,18 +54,6 @@ def compile_field(
         return found(plain_cdr(data))
 
     return read
-
-
-def value_at(message: Any, path: str) -> Any:
-    """Return a field of a whole message; None if a sequence is too short."""
-    for name in path.split("."):
-        if name.isdecimal():
-            if int(name) >= len(message):
-                return None
-            message = message[int(name)]
-        else:
-            message = getattr(message, name)
-    return message.item() if hasattr(message, "item") else message
 
 
 def plain(value: Any) -> Any:

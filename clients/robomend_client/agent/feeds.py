@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+from robomend_client.paths import NotThere, at
 from robomend_client.registry import Registry
 from robomend_client.yaml_reader import Section
 
@@ -152,26 +153,6 @@ def is_own(source: str) -> bool:
     return split(source)[0] in OWN
 
 
-def field_of(data: object, path: str) -> Any:
-    """Return what a dotted path leads to: `pose.position.x`, `ranges.0`.
-
-    Raises:
-        LookupError: the data has no such field.
-    """
-    value = data
-    for name in path.split("."):
-        try:
-            if isinstance(value, Mapping):
-                value = value[name]
-            elif isinstance(value, list):
-                value = value[int(name)]
-            else:
-                raise LookupError(name)
-        except (LookupError, ValueError):
-            raise LookupError(f"no field {path}: {name!r} is not there") from None
-    return value
-
-
 class Samples:
     """Makes samples of messages, for the observers that want the topic, or fields of it."""
 
@@ -206,8 +187,8 @@ class Samples:
                 self._deliver(source, fields[field], time_ns)
             else:
                 try:
-                    value = field_of(data, field)
-                except LookupError as error:
+                    value = at(data, field)
+                except NotThere as error:
                     self._on_problem(source, str(error))
                 else:
                     self._deliver(source, value, time_ns)

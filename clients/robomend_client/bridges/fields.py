@@ -1,12 +1,12 @@
-"""Fields of messages that rosbags has read, by their dotted paths."""
+"""Fields of messages that rosbags has read, by their paths."""
 
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
-from functools import lru_cache
 from typing import Any
 
 from robomend_client.bridges.problems import Complaint
+from robomend_client.paths import NotThere, at
 
 
 class UnreadableMessage(Complaint):
@@ -18,24 +18,15 @@ class MissingField(UnreadableMessage):
 
 
 def value_at(message: Any, path: str) -> Any:
-    """Return what a dotted path leads to, as numbers, texts, lists and mappings.
+    """Return what a path (paths.py) leads to, as numbers, texts, lists and mappings.
 
     Raises:
         MissingField: the message has none.
     """
-    value = message
-    for name in steps(path):
-        try:
-            value = value[int(name)] if name.isdigit() else getattr(value, name)
-        except (AttributeError, IndexError, TypeError, KeyError):
-            raise MissingField(f"no field {path}: {name!r} is not there") from None
-    return plain(value)
-
-
-@lru_cache(maxsize=1024)
-def steps(path: str) -> tuple[str, ...]:
-    """Return a path's names; those of Python's own are none of a message's."""
-    return tuple("-" if name.startswith("__") else name for name in path.split("."))
+    try:
+        return plain(at(message, path))
+    except NotThere as error:
+        raise MissingField(str(error)) from None
 
 
 def plain(value: Any) -> Any:
@@ -44,6 +35,8 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, list):
         return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
     if hasattr(value, "tolist"):  # numpy's arrays and numbers
         return value.tolist()
     if not is_dataclass(value):

@@ -47,6 +47,7 @@ class KnownType:
         """Return a field that can be unpacked by itself, and whether it can be.
 
         Raises:
+            MissingField: a list of the message is too short, or has no such element.
             UnreadableMessage: these bytes are no such message.
         """
         if path not in self._unpack and len(self._unpack) < MOST_PATHS:
@@ -94,7 +95,7 @@ class OpenedMessage:
         self._whole: Any = None
 
     def at(self, path: str) -> Any:
-        """Return what a dotted path leads to, as numbers, texts, lists and mappings.
+        """Return what a path (paths.py) leads to, as numbers, texts, lists and mappings.
 
         Raises:
             MissingField: there is no such field.

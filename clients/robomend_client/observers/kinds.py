@@ -31,6 +31,7 @@ from robomend_client.observers.parameters import (
 )
 from robomend_client.observers.rate import Rate
 from robomend_client.observers.reading import FunctionObserver
+from robomend_client.paths import BadPath, several, steps
 from robomend_client.registry import BrokenKind, Registry, UnknownKind
 from robomend_client.yaml_reader import Section
 
@@ -150,7 +151,20 @@ def _read_observer(name: str, section: Section, base: Path) -> ObserverSpec:
         made(section, make, **arguments)
     except (UnknownKind, BrokenKind, UnreadableParameter) as error:
         raise section.error("kind", str(error.args[0])) from error
-    return observer_spec(name, kind, origin, lambda: make(**arguments))
+    spec = observer_spec(name, kind, origin, lambda: make(**arguments))
+    for source in spec.sources:
+        _check_path(section, source)
+    return spec
+
+
+def _check_path(section: Section, source: str) -> None:
+    """Refuse a source whose path (paths.py) cannot be read, at the key that names it."""
+    path = source.partition(":")[2]
+    try:
+        for one in several(path) if path else ():
+            steps(one)
+    except BadPath as error:
+        raise section.error("source" if "source" in section else "", f"{source}: {error}") from error
 
 
 def load_kind(kind: str, base: Path) -> Callable[..., Any]:
