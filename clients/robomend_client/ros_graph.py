@@ -1,12 +1,29 @@
-"""A ROS graph as a value: which node publishes, listens to and offers what, wherever that is known from."""
+"""A ROS graph as a value, and what was heard on it, wherever both are known from.
+
+    a live graph ──┐
+    a recording  ──┼──► Heard: nodes, topics, rates ──► a first model (robomend.model.from_graph)
+    launch files ──┘
+
+A source says what it knows and leaves out the rest.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import Any
 
 Table = Mapping[str, frozenset[str]]
 """Name of a topic or service -> names of nodes."""
+
+MOST_STAMPS = 2048
+"""Of a topic: the newest."""
+
+EACH_START = re.compile(r"_(?:\d{1,7}_)?\d{12,20}\Z|(?<=static_transform_publisher)_\w{8,20}\Z")
+"""What a name ends with that is another one at each start: the process and the time, or a random number."""
 
 
 @dataclass(frozen=True)
@@ -28,3 +45,129 @@ class RosGraph:
             for nodes in table.values()
             for node in nodes
         )
+
+    def renamed(self) -> RosGraph:
+        """Return it with nodes whose names change at each start by what stays of their names."""
+
+        def table(found: Table) -> Table:
+            return {name: frozenset(map(lasting_name, nodes)) for name, nodes in found.items()}
+
+        return replace(
+            self,
+            publishers=table(self.publishers),
+            subscribers=table(self.subscribers),
+            services=table(self.services),
+        )
+
+
+def lasting_name(node: str) -> str:
+    """Return a node's name without what is another at each start, as of anonymous nodes."""
+    return EACH_START.sub("", node)
+
+
+@dataclass(frozen=True)
+class HeardTopic:
+    """What came of a topic while somebody listened. Times are of one clock, in nanoseconds."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    longest_s: float = 0.0  # between two messages
+    stamps: tuple[int, ...] = ()  # of the newest messages
+    latched: bool = False  # its publishers keep the last message for those who come later
+
+    @property
+    def span_s(self) -> float:
+        """From the first to the last message."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second; 0 where there is none to speak of."""
+        return (self.count - 1) / self.span_s if self.count > 1 and self.span_s > 0 else 0.0
+
+    @property
+    def usual_s(self) -> float:
+        """The median interval; 0 where there is none."""
+        gaps = [late - early for early, late in zip(self.stamps, self.stamps[1:], strict=False)]
+        return median(gaps) / 1e9 if gaps else 0.0
+
+
+class Ear:
+    """Takes in the messages of one topic; of their times no more than MOST_STAMPS are kept."""
+
+    def __init__(self, stamps: Iterable[int] = ()) -> None:
+        self.count = 0
+        self._first_ns = self._last_ns = self._longest_ns = 0
+        self._stamps: deque[int] = deque(maxlen=MOST_STAMPS)
+        for time_ns in stamps:
+            self.message(time_ns)
+
+    def message(self, time_ns: int) -> None:
+        """A message came; one from before the newest counts as having come with it."""
+        if self.count:
+            time_ns = max(time_ns, self._last_ns)
+            self._longest_ns = max(self._longest_ns, time_ns - self._last_ns)
+        else:
+            self._first_ns = time_ns
+        self.count += 1
+        self._last_ns = time_ns
+        self._stamps.append(time_ns)
+
+    def heard(self, latched: bool = False) -> HeardTopic:
+        """Return what came so far."""
+        return HeardTopic(
+            self.count, self._first_ns, self._last_ns, self._longest_ns / 1e9, tuple(self._stamps), latched
+        )
+
+
+@dataclass(frozen=True)
+class HeardStatus:
+    """A status of /diagnostics."""
+
+    levels: frozenset[int]  # 0: OK, 1: WARN, 2: ERROR, 3: STALE
+    publishers: frozenset[str]
+    topic: HeardTopic = HeardTopic()  # when it came
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was heard of a robot. A graph alone is one, too: then nobody listened (`seconds` is 0)."""
+
+    graph: RosGraph
+    source: str  # where it is from, for people
+    seconds: float = 0.0  # for how long somebody listened
+    ended_ns: int = 0  # when that was over
+    topics: Mapping[str, HeardTopic] = field(default_factory=dict)
+    statuses: Mapping[str, HeardStatus] = field(default_factory=dict)
+    actions: Mapping[str, str] = field(default_factory=dict)  # name -> the node that serves it
+    lifecycle: Mapping[str, str] = field(default_factory=dict)  # node -> its state as it was said last, or ""
+    errors: Mapping[str, int] = field(default_factory=dict)  # node -> lines of its log from ERROR on
+    gone: frozenset[str] = frozenset()  # nodes that ended meanwhile, or do not run although they are listed
+    remarks: tuple[str, ...] = ()  # what else people should know
+    origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+
+    def within(self, namespace: str) -> Heard:
+        """Return what was heard of the nodes in a namespace."""
+        inside = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
+
+        def table(found: Table) -> Table:
+            kept = {
+                name: frozenset(n for n in nodes if n.startswith(inside)) for name, nodes in found.items()
+            }
+            return {name: nodes for name, nodes in kept.items() if nodes}
+
+        graph = replace(
+            self.graph,
+            publishers=table(self.graph.publishers),
+            subscribers=table(self.graph.subscribers),
+            services=table(self.graph.services),
+        )
+        statuses = {
+            name: status
+            for name, status in self.statuses.items()
+            if any(node.startswith(inside) for node in status.publishers)
+        }
+        actions = {name: node for name, node in self.actions.items() if node.startswith(inside)}
+        lifecycle = {node: state for node, state in self.lifecycle.items() if node.startswith(inside)}
+        return replace(self, graph=graph, statuses=statuses, actions=actions, lifecycle=lifecycle)

@@ -1,15 +1,20 @@
-"""A first model from a ROS graph: what is in it, and that it is a model."""
+"""A first model from a ROS graph, and from what was heard on it: what is in it, and that it is a model."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
-from robomend.model.from_graph import model_from_graph
+from robomend.model.from_graph import Steady, first_model, model_from_graph, rests, steady
 from robomend.model.loading import load_text
-from robomend_client.ros_graph import RosGraph
+from robomend_client.literals import fails
+from robomend_client.observers.rate import Rate
+from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, lasting_name
 
 ROBOT = RosGraph(
     publishers={
@@ -47,7 +52,6 @@ nodes:
     publishes:
       scan: []    # sensor_msgs/LaserScan
   robot_state_publisher: {}    # publishes nothing that the model speaks of
-  rviz: {}    # publishes nothing that the model speaks of, listens to map, scan
 
 # topics:                     # the rate of messages, and how far it may stray
 #   map: {rate_hz: 10, tolerance_hz: 1}
@@ -71,7 +75,7 @@ def test_the_model_of_a_small_robot() -> None:
 
 def test_what_is_written_is_a_model_that_finds_the_fault() -> None:
     system = load_text(MODEL)
-    assert sorted(system.cnf.components) == ["hector_mapping", "hokuyo_node", "robot_state_publisher", "rviz"]
+    assert sorted(system.cnf.components) == ["hector_mapping", "hokuyo_node", "robot_state_publisher"]
     assert system.name == "tedusar"
 
 
@@ -99,3 +103,171 @@ def test_odd_names_make_no_odd_yaml(
     publishers = {**publishers, "/scan": frozenset({"/laser"})}
     graph = RosGraph(publishers, subscribers, types=dict.fromkeys(publishers, kinds))
     load_text(model_from_graph(graph, "r", kinds))
+
+
+# --- what was heard ---------------------------------------------------------------------------------------
+
+SECOND = 10**9
+
+
+def came(rate_hz: float, seconds: float = 60, first_s: float = 0, latched: bool = False) -> HeardTopic:
+    """Return a topic of this rate."""
+    count = round(rate_hz * seconds)
+    return Ear(round((first_s + n / rate_hz) * SECOND) for n in range(count)).heard(latched)
+
+
+def heard(topics: dict[str, HeardTopic], nodes: dict[str, tuple[list[str], list[str]]], **more: Any) -> Heard:
+    """Return what was heard for a minute; `nodes`: what each publishes and listens to."""
+    publishers: dict[str, set[str]] = {}
+    subscribers: dict[str, set[str]] = {}
+    for node, (outputs, inputs) in nodes.items():
+        for topic in outputs:
+            publishers.setdefault(topic, set()).add(node)
+        for topic in inputs:
+            subscribers.setdefault(topic, set()).add(node)
+    graph = RosGraph(
+        {name: frozenset(found) for name, found in publishers.items()},
+        {name: frozenset(found) for name, found in subscribers.items()},
+        types=more.pop("types", {}),
+    )
+    return Heard(graph, "a test", 60.0, 60 * SECOND, topics, **more)
+
+
+def test_nothing_that_flowed_rests_on_what_did_not() -> None:
+    made = first_model(
+        heard(
+            {"/odom": came(50), "/map": came(1 / 60, latched=True), "/plan": came(5)},
+            {
+                "/base": (["/odom"], ["/cmd_vel"]),
+                "/maps": (["/map"], []),
+                "/planner": (["/plan", "/cmd_vel"], ["/odom", "/map"]),
+            },
+        ),
+        "rover",
+    )
+    parts = load_text(made.text).parts
+    assert parts is not None
+    assert parts.nodes["base"].publishes == {"odom": ()}
+    assert parts.nodes["planner"].publishes == {"plan": ("odom",), "cmd_vel": ()}
+    assert parts.topics["cmd_vel"].silent
+    assert parts.topics["map"].latched
+    assert set(made.watched) == {"odom", "plan"}
+
+
+def test_the_silence_of_what_was_silent_blames_nobody_and_that_of_another_its_node() -> None:
+    made = first_model(heard({"/odom": came(50)}, {"/base": (["/odom", "/dock"], [])}), "rover")
+    system = load_text(made.text)
+    found = {
+        name: make_engine("sat", system.cnf).diagnose([fails("ok", name)]).diagnoses[0].bad
+        for name in ("dock", "odom")
+    }
+    assert found == {"dock": (), "odom": ("base",)}
+
+
+@pytest.mark.parametrize(
+    ("topic", "told"),
+    [
+        (came(10), 10.0),
+        (came(0.5), 0.5),
+        (came(10, seconds=0), "silent"),
+        (came(3, seconds=1), "3 messages"),
+        (came(10, seconds=30), "300 messages, and then silent for 30.1 s"),
+        (Ear([0, 0, 0, 0, 0, 0]).heard(), "its messages come several at once"),
+    ],
+)
+def test_a_rate_is_told_of_what_came_steadily(topic: HeardTopic, told: float | str) -> None:
+    found = steady(topic, 60 * SECOND)
+    assert (round(found.rate_hz, 2) if isinstance(found, Steady) else found) == told
+
+
+@given(rate_hz=st.floats(0.2, 60), gap_s=st.floats(0, 5))
+def test_the_bounds_are_those_of_the_plain_rule(rate_hz: float, gap_s: float) -> None:
+    before = came(rate_hz, 30)
+    topic = Ear([*before.stamps, *(t + round((30 + gap_s) * SECOND) for t in before.stamps)]).heard()
+    found = steady(topic, topic.last_ns)
+    assert isinstance(found, Steady)
+    assert found.silence_s == pytest.approx(max(1, 10 / topic.rate_hz, 3 * topic.longest_s))
+    assert found.tolerance_hz == pytest.approx(0.4 * topic.rate_hz)
+    Rate(found.rate_hz, found.tolerance_hz, found.window, found.silence_s, settle=found.settle)
+
+
+def test_an_output_that_goes_on_without_an_input_does_not_rest_on_it() -> None:
+    pauses = Ear([*came(10, 20).stamps, *came(10, 20, first_s=40).stamps]).heard()
+    assert rests(pauses, came(10)) is False
+    assert rests(came(10), came(10)) is None
+
+
+def test_an_output_whose_intervals_are_those_of_an_input_follows_it() -> None:
+    jitter = [n * SECOND // 10 + (n * n * 7919) % 30_000_000 for n in range(300)]
+    assert rests(Ear(jitter).heard(), Ear([one + 5_000_000 for one in jitter]).heard()) is True
+
+
+def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_about() -> None:
+    def status(level: int, *by: str) -> HeardStatus:
+        return HeardStatus(frozenset({level}), frozenset(by), came(1))
+
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        node: ([f"{node}/out"], []) for node in ("/a/lidar", "/b/lidar", "/monitor")
+    }
+    statuses = {
+        "lidar: scan": status(0, "/b/lidar"),
+        "cpu": status(0, "/monitor"),
+        "disk": status(1, "/monitor"),
+        "odd": status(0, "/elsewhere"),
+    }
+    made = first_model(heard({}, nodes, statuses=statuses), "rover")
+    assert made.statuses == {"lidar_scan": "lidar: scan", "cpu": "cpu"}
+    assert "'not ab(b/lidar) -> ok(lidar_scan)'" in made.text
+    assert "the status 'disk' said WARN: is that so by design?" in made.asked
+    assert "of which node does the status 'odd' speak?" in made.asked
+    load_text(made.text)
+
+
+def test_what_may_have_been_broken_is_asked() -> None:
+    types = {"/scan": "sensor_msgs/LaserScan", "/goal": "geometry_msgs/PoseStamped"}
+    topics = {"/odom": came(10, seconds=20)}
+    nodes: dict[str, tuple[list[str], list[str]]] = {"/base": (["/scan", "/goal", "/odom"], [])}
+    asked = first_model(heard(topics, nodes, types=types, errors={"/base": 2}), "rover").asked
+    assert "scan was silent all the time: is that so by design?" in asked
+    assert "odom: 200 messages, and then silent for 40.1 s: is that so by design?" in asked
+    assert "base logged 2 errors: was it well?" in asked
+    assert not any("goal" in one for one in asked)
+
+
+def test_who_ended_or_looks_on_or_is_of_ros_itself_is_no_part_of_the_robot() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/base": (["/odom", "/base/transition_event", "/robot_description", "/tf_static"], []),
+        "/setup": (["/done"], []),
+        "/rviz2": (["/clicked"], ["/odom"]),
+        "/rosbag2_recorder": ([], ["/odom"]),
+        "/transform_listener_impl_55d0": ([], ["/tf"]),
+        "/robomend_attach": ([], ["/odom"]),
+        "/foxglove_bridge": ([], ["/odom"]),
+    }
+    made = first_model(heard({"/odom": came(10)}, nodes, gone=frozenset({"/setup"})), "rover")
+    parts = load_text(made.text).parts
+    assert parts is not None
+    assert {name: list(node.publishes) for name, node in parts.nodes.items()} == {"base": ["odom"]}
+    assert "#   setup" in made.text
+
+
+@pytest.mark.parametrize(
+    ("name", "stays"),
+    [
+        ("/teleop_30719_1739203333671", "/teleop"),
+        ("/talker_1739203333671000000", "/talker"),
+        ("/static_transform_publisher_aB3dE5fG7h", "/static_transform_publisher"),
+        ("/lidar_2", "/lidar_2"),
+        ("/camera_640_480", "/camera_640_480"),
+    ],
+)
+def test_a_name_that_is_another_at_each_start_is_one_node(name: str, stays: str) -> None:
+    assert lasting_name(name) == stays
+
+
+def test_five_hundred_nodes_are_a_model() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        f"/n{n}": ([f"/t{n}", f"/u{n}"], [f"/t{n - 1}"]) for n in range(500)
+    }
+    made = first_model(heard({f"/t{n}": came(10, 10, first_s=50) for n in range(500)}, nodes), "fleet")
+    assert len(load_text(made.text).cnf.components) == 500

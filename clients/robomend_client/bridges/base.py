@@ -15,6 +15,7 @@ from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.telling import Telling, ToldTopic
 from robomend_client.observers import Change, Contact, Publishers
+from robomend_client.ros_graph import lasting_name
 from robomend_client.yaml_reader import Section
 
 NODES, DIAGNOSTICS = "nodes", "diagnostics"
@@ -142,6 +143,17 @@ class RosBridge(ABC):
         """Our own node's, with its slash."""
         agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
         return resolved(self.name or f"robomend{agent}")
+
+    def table(self, found: Mapping[str, bool | None]) -> dict[str, bool | None]:
+        """Return which nodes run by the model's names; one whose name is another at each start also by what
+        stays of it.
+        """
+        told = {self.names.ours(name): runs for name, runs in found.items()}
+        for name, runs in found.items():
+            lasting = self.names.ours(lasting_name(name))
+            if lasting_name(name) != name and not told.get(lasting):
+                told[lasting] = runs
+        return told
 
     def look_at_names(self, nodes: Iterable[str]) -> None:
         """Tell of nodes whose names are none; they are watched all the same."""

@@ -32,7 +32,7 @@ HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
 NODE_KEYS = (
     "drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", "reconnects", *PART_KEYS,
 )  # fmt: skip
-TOPIC_KEYS = ("rate_hz", "tolerance_hz", "cost")
+TOPIC_KEYS = ("rate_hz", "tolerance_hz", "silent", "latched", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
 
@@ -203,6 +203,8 @@ class _Reader:
             name=name,
             rate_hz=self.optional(entry, "rate_hz", self.number(0)),
             tolerance_hz=self.optional(entry, "tolerance_hz", self.number(0)),
+            silent=self.optional(entry, "silent", self.flag) or False,
+            latched=self.optional(entry, "latched", self.flag) or False,
             cost=self.optional(entry, "cost", self.number(0)),
         )
 

@@ -93,6 +93,8 @@ class Topic:
     rate_hz: float | None = None
     tolerance_hz: float | None = None
     cost: float | None = None  # of observing it, seconds
+    silent: bool = False  # by design, if need be: its silence blames nobody
+    latched: bool = False  # the last message is kept for those who come later
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,46 +1,126 @@
-"""A first model from a ROS graph: a graph in, YAML with comments out. Nothing is looked up, nothing is kept.
+"""A first model from what was heard of a robot: a value in, YAML with comments out. Nothing is looked up.
 
     node that publishes          → a node with its topics; without inputs it is probably a driver
-    topic that it listens to     → an input of all that it publishes: a guess, which the comment says
+    topic that it listens to     → an input of what it publishes: believed, unless the times contradict it
+    topic that came steadily     → its rate; what is kept for later comers is `latched`, the rest is `silent`
     topics of ROS itself, of actions, of several publishers → left out, and listed at the end
 
-So it serves ROS 1, ROS 2 and bags alike; whoever reads the graph knows where it is from.
+So it serves ROS 1, ROS 2, recordings and graphs of which nothing was heard; whoever made the value knows
+where it is from. What was heard for a minute has plain bounds (`steady`); hours of logs have learned ones
+(`robomend-batch learn`).
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from itertools import pairwise
+from math import ceil
 
 from robomend.errors import InputError
 from robomend.model.component_yaml import MAX_NAME
-from robomend_client.literals import PLAIN_NAME
-from robomend_client.ros_graph import RosGraph, Table
+from robomend_client.counts import counted
+from robomend_client.literals import PLAIN_NAME, holds
+from robomend_client.ros_graph import Heard, HeardTopic, RosGraph, Table
 
 TOOLS = (
-    *("/rosout", "/robomend*", "/record_*", "/play_*", "/rostopic_*", "/rosservice_*", "/rqt_*"),
-    *("/rviz_[0-9]*", "/_ros2cli*", "/launch_ros*", "/roslaunch*", "/transform_listener_impl*"),
+    *("/rosout", "/robomend*", "/record_*", "/play_*", "/rostopic_*", "/rosservice_*", "/rqt_*", "/rqt"),
+    *("/record", "/play", "/rostopic", "/rviz", "/rviz2", "/rviz_[0-9]*", "/rviz2_*", "/foxglove_bridge*"),
+    *(
+        "/_ros2cli*",
+        "/launch_ros*",
+        "/roslaunch*",
+        "/*transform_listener_impl*",
+        "/rosbag2_*",
+        "/unknown_node",
+    ),
 )
-"""Nodes that come and go with whoever looks at the robot."""
+"""Nodes that come and go with whoever looks at the robot; in ROS 2 also those that are of no node."""
 
 PLUMBING = (
-    *("/rosout", "/rosout_agg", "/clock", "/statistics", "/diagnostics*", "/parameter_events"),
-    *("*/parameter_updates", "*/parameter_descriptions", "/ros_discovery_info"),
-    *("/observations", "/diagnosis", "/board_measurments"),
+    *("/rosout", "/rosout_agg", "/clock", "/statistics", "*/diagnostics", "*/diagnostics_agg"),
+    *("/diagnostics_toplevel_state", "/parameter_events", "*/parameter_updates", "*/parameter_descriptions"),
+    *("/ros_discovery_info", "/observations", "/diagnosis", "/board_measurments", "*/transition_event"),
+    *("*/robot_description", "*/tf_static", "*/bond", "/events/*"),
 )
 """Topics of ROS and of robomend, which say nothing about the robot's own work."""
 
 ACTION = re.compile(r"(?:Action(?:Goal|Result|Feedback)|actionlib_msgs/(?:msg/)?\w+)\Z")
 """Types of topics that are published when somebody acts."""
 
+COMMAND = re.compile(
+    r"(?:Twist(?:Stamped)?|AckermannDrive(?:Stamped)?|JointTrajectory|JointJog|cmd\w*)\Z", re.I
+)
+STATE = re.compile(
+    r"(?:Odometry|JointState|DynamicJointState|BatteryState|Imu|LaserScan|PointCloud2?|Image|CompressedImage"
+    r"|CameraInfo|NavSatFix|MagneticField|Range|Temperature|WrenchStamped)\Z"
+)
+"""Types of what a robot is told to do, and of what its devices say: the one does not rest on the other."""
+
 YAML_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*\Z")
+RESERVED = frozenset(("true", "false", "yes", "no", "on", "off", "null", "y", "n"))
+
+LEAST_MESSAGES = 5
+QUIET_S, QUIET_INTERVALS = 3.0, 10
+"""What did not come for so long at the end of the listening had stopped."""
+
+SLOWER, FASTER = 0.4, 0.6
+"""Of the rate: how far it may stray."""
+
+WINDOW_S, LEAST_WINDOW = 3.0, 10
+VERDICT_S = 5.0
+"""A first verdict takes no longer, if more than one interval fits in there."""
+
+SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 1.0, 10, 3
+LONGEST_SILENCE_S = 60.0
+IRREGULAR = 100.0
+"""Usual intervals that silence may last, and LONGEST_SILENCE_S: what bursts more is not watched."""
+
+UNEVEN = 0.6
+"""A median interval that is less of the mean one: its messages come in bursts, and only silence is told."""
+
+LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 2.0, 10, 3
+"""An output that went on, for so many messages, through such a pause of an input does not rest on it."""
+
+MANY_INPUTS = 4
+"""Of a node that listens to more, only what its times show is believed, if they show any."""
+
+ALIKE, LEAST_PAIRS = 0.5, 30
+"""Correlation of intervals from which on one topic is seen to follow another."""
+
+SHOWN = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Steady:
+    """A topic that came steadily, and what its observer is told of it."""
+
+    rate_hz: float
+    tolerance_hz: float
+    above_hz: float
+    window: int  # messages
+    settle: int  # intervals
+    silence_s: float
+    pause_s: float | None
+    why: str  # what the numbers rest on
+
+
+@dataclass(frozen=True)
+class FirstModel:
+    """What was made of what was heard: the model, and what else the robot's files say."""
+
+    text: str
+    nodes: tuple[str, ...]  # names are as the model has them from here on
+    watched: Mapping[str, Steady] = field(default_factory=dict)  # topic -> its rate
+    statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
+    asked: tuple[str, ...] = ()  # questions that listening did not answer
 
 
 def model_from_graph(graph: RosGraph, name: str, source: str) -> str:
-    """Return a model of the robot as YAML.
+    """Return a model of the robot as YAML, from a graph of which nothing was heard.
 
     Args:
         name: of the model.
@@ -49,32 +129,308 @@ def model_from_graph(graph: RosGraph, name: str, source: str) -> str:
     Raises:
         InputError: no node in it is the robot's own.
     """
-    graph = _legal(graph)
-    topics = _topics(graph)
-    nodes = sorted(node for node in graph.nodes if not _is_any_of(node, TOOLS))
-    if not nodes:
-        raise InputError(f"{source}: there is no node of the robot's own, of {len(graph.nodes)}")
-    lines = [
-        f"# A first model of {_comment(name)}, from {_comment(source)}.",
-        "# It is a proposal: go through it, then `robomend model check FILE`, then `robomend compile FILE`.",
-        "robomend: 1",
-        f"name: {_word(name)}",
-        "",
-        "# hardware:                   # your devices; `channel:` if a power board switches them",
-        "#   lidar: {channel: 3}       # then say which node drives it: drives: [lidar]",
-        "",
-        "nodes:",
-        *_nodes(graph, nodes, topics),
-    ]
-    rated = [topic for topic in sorted(topics) if topic in graph.rates_hz]
-    if rated:
-        lines += ["", "topics:                       # rates as they were there"]
-        lines += [f"  {_word(topic)}: {_rate(graph.rates_hz[topic])}" for topic in rated]
-    else:
-        lines += ["", "# topics:                     # the rate of messages, and how far it may stray"]
-        lines += [f"#   {_word(topic)}: {{rate_hz: 10, tolerance_hz: 1}}" for topic in sorted(topics)[:3]]
-    lines += _left_out(graph, topics)
-    return "\n".join(lines) + "\n"
+    return first_model(Heard(graph, source), name).text
+
+
+def first_model(heard: Heard, name: str) -> FirstModel:
+    """Return a first model of the robot.
+
+    Raises:
+        InputError: no node that was heard is the robot's own.
+    """
+    return _Draft(heard, name).made()
+
+
+def steady(heard: HeardTopic, ended_ns: int) -> Steady | str:
+    """Return the rate of a topic by plain rules, or why it has none.
+
+    Args:
+        ended_ns: when the listening ended.
+    """
+    if heard.count < LEAST_MESSAGES:
+        return counted(heard.count, "message") if heard.count else "silent"
+    rate_hz, usual_s = heard.rate_hz, heard.usual_s
+    quiet_s = (ended_ns - heard.last_ns) / 1e9
+    if not rate_hz or not usual_s:
+        return "its messages come several at once"
+    if quiet_s > max(QUIET_S, QUIET_INTERVALS * usual_s, SILENCE_GAPS * heard.longest_s):
+        return f"{counted(heard.count, 'message')}, and then silent for {quiet_s:.3g} s"
+    silence_s = max(SILENCE_S, SILENCE_INTERVALS / rate_hz, SILENCE_GAPS * heard.longest_s)
+    if silence_s > max(LONGEST_SILENCE_S, IRREGULAR * usual_s):
+        return f"irregular: usually {usual_s:.3g} s apart, and up to {heard.longest_s:.3g} s"
+    uneven = usual_s * rate_hz < UNEVEN
+    window = min(max(LEAST_WINDOW, ceil(WINDOW_S * rate_hz)), 10_000)
+    pause_s = max(WINDOW_S / 4, 4 / rate_hz)
+    why = (
+        f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median {_s(usual_s)}, "
+        f"longest {_s(heard.longest_s)}" + ("; they come in bursts: only silence is told" if uneven else "")
+    )
+    return Steady(
+        rate_hz,
+        (0.95 if uneven else SLOWER) * rate_hz,
+        (20 if uneven else FASTER) * rate_hz,
+        window,
+        max(1, min(5, int(VERDICT_S * rate_hz))),
+        silence_s,
+        pause_s if pause_s < silence_s and not uneven else None,
+        why,
+    )
+
+
+def rests(given: HeardTopic, output: HeardTopic) -> bool | None:
+    """Return whether the times show that an output rests on an input, or that it does not; None: neither."""
+    gap_ns = max(LONG_GAP_S, LONG_GAP_INTERVALS * given.usual_s) * 1e9
+    margin_ns = given.usual_s * 1e9
+    for early, late in pairwise(given.stamps):
+        if late - early > gap_ns:
+            on = sum(early + margin_ns < time_ns < late for time_ns in output.stamps)
+            if on >= WENT_ON:
+                return False
+    pairs: list[tuple[int, int]] = []
+    number = 0
+    for time_ns in output.stamps:
+        while number < len(given.stamps) and given.stamps[number] <= time_ns:
+            number += 1
+        if number and (not pairs or pairs[-1][0] != given.stamps[number - 1]):
+            pairs.append((given.stamps[number - 1], time_ns))
+    if len(pairs) <= LEAST_PAIRS or len(pairs) < 0.8 * len(output.stamps):
+        return None
+    before = [late[0] - early[0] for early, late in pairwise(pairs)]
+    after = [late[1] - early[1] for early, late in pairwise(pairs)]
+    return True if _correlation(before, after) >= ALIKE else None
+
+
+def _correlation(first: list[int], second: list[int]) -> float:
+    """Return Pearson's, 0 where one of them does not vary."""
+    mean1, mean2 = sum(first) / len(first), sum(second) / len(second)
+    both = sum((a - mean1) * (b - mean2) for a, b in zip(first, second, strict=True))
+    square1, square2 = sum((a - mean1) ** 2 for a in first), sum((b - mean2) ** 2 for b in second)
+    return both / (square1 * square2) ** 0.5 if square1 and square2 else 0.0
+
+
+class _Draft:
+    """One model in the making; names are as ROS has them until they are written."""
+
+    def __init__(self, heard: Heard, name: str) -> None:
+        self.heard = heard
+        self.name = name
+        self.listened = heard.seconds > 0
+        self.graph = _legal(heard.graph)
+        gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
+        self.nodes = sorted(node for node in self.graph.nodes - gone if not _is_any_of(node, TOOLS))
+        if not self.nodes:
+            raise InputError(
+                f"{heard.source}: there is no node of the robot's own, of {len(self.graph.nodes)}"
+            )
+        self.topics = self._topics(gone)
+        found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
+        self.steady = {topic: one for topic, one in found.items() if isinstance(one, Steady)}
+        self.why_not = {topic: one for topic, one in found.items() if isinstance(one, str)}
+        self.asked: list[str] = []
+        self.gone = gone
+
+    def made(self) -> FirstModel:
+        heard = self.heard
+        lines = [f"# A first model of {comment(self.name)}, from {comment(heard.source)}."]
+        if self.listened:
+            lines += [
+                f"# It was made by listening for {heard.seconds:.0f} s: what a number rests on is beside it.",
+                "# What listening does not tell is asked at the end. `robomend model check FILE` checks it.",
+            ]
+        else:
+            then = "then `robomend model check FILE`, then `robomend compile FILE`."
+            lines.append(f"# It is a proposal: go through it, {then}")
+        lines += [
+            "robomend: 1",
+            f"name: {word(self.name)}",
+            "",
+            "# hardware:                   # your devices; `channel:` if a power board switches them",
+            "#   lidar: {channel: 3}       # then say which node drives it: drives: [lidar]",
+            "",
+            "nodes:",
+            *self._nodes(),
+            *self._rates(),
+        ]
+        statuses, blamed = self._statuses()
+        if statuses:
+            lines += ["", "properties:                   # what nodes say of themselves on /diagnostics"]
+            lines += [f"  {word(name)}: {{}}    # {comment(status)}" for name, status in statuses.items()]
+            lines += ["", "rules:"]
+            rules = (f"not ab({word(node)}) -> {holds('ok', name)}" for name, node in blamed.items())
+            lines += [f"  - {_quoted(rule)}" for rule in rules]
+        lines += self._left_out()
+        self._ask()
+        if self.listened and self.asked:
+            lines += ["", "# Questions that listening does not answer:"]
+            lines += [f"#   {comment(question)}" for question in self.asked]
+        return FirstModel(
+            "\n".join(lines) + "\n",
+            tuple(node.removeprefix("/") for node in self.nodes),
+            {topic.removeprefix("/"): one for topic, one in self.steady.items()},
+            statuses,
+            tuple(self.asked),
+        )
+
+    # --- what it speaks of -----------------------------------------------------------------------------
+
+    def _topics(self, gone: set[str]) -> dict[str, str]:
+        """Return the topics that the model speaks of, each with its one publisher."""
+        found = {}
+        for topic, publishers in self.graph.publishers.items():
+            ours = [node for node in publishers if node not in gone and not _is_any_of(node, TOOLS)]
+            if len(ours) == 1 and not _is_aside(topic, self.graph):
+                found[topic] = ours[0]
+        return found
+
+    def _of(self, topic: str) -> HeardTopic:
+        return self.heard.topics.get(topic, HeardTopic())
+
+    def _kind(self, topic: str) -> str:
+        return self.graph.types.get(topic, "").rpartition("/")[2]
+
+    def _inputs(self, node: str, output: str, inputs: list[str]) -> list[str]:
+        """Return what an output rests on, of what its node listens to."""
+        if not self.listened:
+            return inputs
+        if output not in self.steady:
+            return []  # nobody watches it
+        flowed = [topic for topic in inputs if topic in self.steady]  # nothing rests on what did not flow
+        if STATE.search(self._kind(output)):
+            flowed = [topic for topic in flowed if not COMMAND.search(self._kind(topic))]
+        seen = {topic: rests(self._of(topic), self._of(output)) for topic in flowed}
+        kept = [topic for topic in flowed if seen[topic] is not False]
+        shown = [topic for topic in kept if seen[topic]]
+        return shown if len(kept) > MANY_INPUTS and shown else kept
+
+    # --- its text --------------------------------------------------------------------------------------
+
+    def _nodes(self) -> Iterator[str]:
+        for node in self.nodes:
+            outputs = sorted(topic for topic, publisher in self.topics.items() if publisher == node)
+            listens = (t for t, listeners in self.graph.subscribers.items() if node in listeners)
+            inputs = sorted(t for t in listens if t in self.topics and t not in outputs)
+            if not outputs:
+                why = "publishes nothing that the model speaks of"
+                heard = f", listens to {', '.join(comment(topic) for topic in inputs)}" if inputs else ""
+                yield f"  {word(node)}: {{}}    # {why}{heard}"
+                continue
+            rests_on = {topic: self._inputs(node, topic, inputs) for topic in outputs}
+            if not inputs:
+                hint = "listens to nothing: probably a driver; of which device?"
+                if self.listened:
+                    self.asked.append(f"which device does {node.removeprefix('/')} drive, if any?")
+            elif not self.listened:
+                hint = "all that it publishes rests on all that it listens to: strike out what does not"
+            else:
+                unused = [topic for topic in inputs if not any(topic in some for some in rests_on.values())]
+                hint = "rests on what it listens to, as far as that came: believed, not seen"
+                if unused:
+                    hint += f"; not on {', '.join(comment(topic) for topic in unused)}"
+            yield f"  {word(node)}:    # {hint}"
+            if not inputs:
+                yield "    # drives: []"
+            yield "    publishes:"
+            for topic in outputs:
+                kind = self.graph.types.get(topic)
+                named = ", ".join(map(word, rests_on[topic]))
+                yield f"      {word(topic)}: [{named}]" + (f"    # {comment(kind)}" if kind else "")
+
+    def _rates(self) -> list[str]:
+        topics, rates = sorted(self.topics), self.graph.rates_hz
+        if self.listened:
+            lines = []
+            for topic in topics:
+                found = self.steady.get(topic)
+                if found is not None:
+                    said = f"{{rate_hz: {found.rate_hz:.3g}, tolerance_hz: {found.tolerance_hz:.2g}}}"
+                    lines.append(f"  {word(topic)}: {said}    # {found.why}")
+                elif self._of(topic).latched:
+                    lines.append(f"  {word(topic)}: {{latched: true, silent: true}}    # {self._said(topic)}")
+                else:
+                    lines.append(f"  {word(topic)}: {{silent: true}}    # {self._said(topic)}")
+            return ["", "topics:", *lines] if lines else []
+        if rated := [topic for topic in topics if topic in rates]:
+            lines = ["", "topics:                       # rates as they were there"]
+            return lines + [f"  {word(topic)}: {_rate(rates[topic])}" for topic in rated]
+        lines = ["", "# topics:                     # the rate of messages, and how far it may stray"]
+        return lines + [f"#   {word(topic)}: {{rate_hz: 10, tolerance_hz: 1}}" for topic in topics[:3]]
+
+    def _said(self, topic: str) -> str:
+        """Return why nobody watches a topic."""
+        one = self._of(topic)
+        if one.latched:
+            return "heard once, and kept for those who come later" if one.count else "its publisher keeps it"
+        why = self.why_not[topic]
+        return f"{'nothing came' if why == 'silent' else why} in {self.heard.seconds:.0f} s"
+
+    def _statuses(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Return properties with their statuses, and the same with the nodes to blame."""
+        taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)}
+        statuses, blamed = {}, {}
+        for status, found in sorted(self.heard.statuses.items()):
+            node = self._speaker(status, found.publishers)
+            if node is None:
+                self.asked.append(f"of which node does the status {status!r} speak?")
+            elif found.levels != {0}:
+                level = ("OK", "WARN", "ERROR", "STALE")[min(max(found.levels), 3)]
+                self.asked.append(f"the status {status!r} said {level}: is that so by design?")
+            else:
+                name = slug(status, taken)
+                taken.add(name)
+                statuses[name], blamed[name] = status, node.removeprefix("/")
+        return statuses, blamed
+
+    def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
+        """Return the node that a status speaks of: what its name begins with, or else its publisher."""
+        named = status.partition(":")[0].strip().strip("/")
+        ours = [node for node in publishers if node in self.nodes]
+        alike = [node for node in self.nodes if node.strip("/") == named]
+        alike = alike or [node for node in self.nodes if node.rpartition("/")[2] == named]
+        if len(alike) > 1 and len(ours) == 1:  # of the same namespace
+            alike = [n for n in alike if n.rpartition("/")[0] == ours[0].rpartition("/")[0]]
+        if len(alike) == 1:
+            return alike[0]
+        return ours[0] if len(ours) == 1 else None
+
+    def _left_out(self) -> list[str]:
+        """Return comments on what the model does not speak of."""
+        shared, asked, silent = [], [], []
+        for topic in sorted(self.graph.publishers.keys() | self.graph.subscribers.keys()):
+            ours = [node for node in self.graph.publishers.get(topic, ()) if not _is_any_of(node, TOOLS)]
+            if topic in self.topics or is_plumbing(topic):
+                continue
+            if ACTION.search(self.graph.types.get(topic, "")):
+                asked.append(comment(topic))
+            elif len(ours) > 1:
+                shared.append(f"{comment(topic)} ({', '.join(comment(node) for node in sorted(ours))})")
+            elif not ours:
+                silent.append(comment(topic))
+        ended = [comment(node) for node in sorted(self.gone)]
+        lines = []
+        for what, found in (
+            ("Topics of several publishers: the silence of one does not show", shared),
+            ("Topics of actions: there are messages when somebody acts", asked),
+            ("Topics that no node of the robot publishes: tools do, or nobody", silent),
+            ("Nodes that ended, or did not run although they are listed", ended),
+        ):
+            if found:
+                lines += ["", f"# {what}:", *(f"#   {line}" for line in found)]
+        return lines
+
+    def _ask(self) -> None:
+        """What may have been broken while it was listened is asked."""
+        for topic, why in sorted(self.why_not.items()):
+            named = topic.removeprefix("/")
+            if self._of(topic).latched:
+                continue
+            if STATE.search(self._kind(topic)) and why == "silent":
+                self.asked.append(f"{named} was silent all the time: is that so by design?")
+            elif why != "silent" and self._of(topic).count >= LEAST_MESSAGES:
+                self.asked.append(f"{named}: {why}: is that so by design?")
+        for node, count in sorted(self.heard.errors.items()):
+            if node in self.nodes:
+                self.asked.append(f"{node.removeprefix('/')} logged {counted(count, 'error')}: was it well?")
+        self.asked += self.heard.remarks
 
 
 def _legal(graph: RosGraph) -> RosGraph:
@@ -101,16 +457,6 @@ def _is_name(name: str) -> bool:
     return name.isprintable() and bool(name.strip("/")) and len(name) <= MAX_NAME
 
 
-def _topics(graph: RosGraph) -> dict[str, str]:
-    """Return the topics that the model speaks of, each with its one publisher."""
-    found = {}
-    for topic, publishers in graph.publishers.items():
-        ours = [node for node in publishers if not _is_any_of(node, TOOLS)]
-        if len(ours) == 1 and not _is_aside(topic, graph):
-            found[topic] = ours[0]
-    return found
-
-
 def is_plumbing(topic: str) -> bool:
     """Whether a topic is one of ROS itself, or ours."""
     return _is_any_of(topic, PLUMBING)
@@ -118,52 +464,6 @@ def is_plumbing(topic: str) -> bool:
 
 def _is_aside(topic: str, graph: RosGraph) -> bool:
     return is_plumbing(topic) or bool(ACTION.search(graph.types.get(topic, "")))
-
-
-def _nodes(graph: RosGraph, nodes: Iterable[str], topics: dict[str, str]) -> Iterator[str]:
-    for node in nodes:
-        outputs = sorted(topic for topic, publisher in topics.items() if publisher == node)
-        inputs = sorted(t for t, listeners in graph.subscribers.items() if node in listeners and t in topics)
-        inputs = [topic for topic in inputs if topic not in outputs]
-        if not outputs:
-            why = "publishes nothing that the model speaks of"
-            heard = f", listens to {', '.join(_comment(topic) for topic in inputs)}" if inputs else ""
-            yield f"  {_word(node)}: {{}}    # {why}{heard}"
-            continue
-        hint = "listens to nothing: probably a driver; of which device?" if not inputs else ""
-        hint = hint or "all that it publishes rests on all that it listens to: strike out what does not"
-        yield f"  {_word(node)}:    # {hint}"
-        if not inputs:
-            yield "    # drives: []"
-        yield "    publishes:"
-        for topic in outputs:
-            kind = graph.types.get(topic)
-            rests_on = ", ".join(map(_word, inputs))
-            yield f"      {_word(topic)}: [{rests_on}]" + (f"    # {_comment(kind)}" if kind else "")
-
-
-def _left_out(graph: RosGraph, topics: dict[str, str]) -> list[str]:
-    """Return comments on what the model does not speak of."""
-    shared, asked, silent = [], [], []
-    for topic in sorted(graph.publishers.keys() | graph.subscribers.keys()):
-        ours = [node for node in graph.publishers.get(topic, ()) if not _is_any_of(node, TOOLS)]
-        if topic in topics or is_plumbing(topic):
-            continue
-        if ACTION.search(graph.types.get(topic, "")):
-            asked.append(_comment(topic))
-        elif len(ours) > 1:
-            shared.append(f"{_comment(topic)} ({', '.join(_comment(node) for node in sorted(ours))})")
-        elif not ours:
-            silent.append(_comment(topic))
-    lines = []
-    for what, found in (
-        ("Topics of several publishers: the silence of one does not show", shared),
-        ("Topics of actions: there are messages when somebody acts", asked),
-        ("Topics that no node of the robot publishes: tools do, or nobody", silent),
-    ):
-        if found:
-            lines += ["", f"# {what}:", *(f"#   {line}" for line in found)]
-    return lines
 
 
 def _is_any_of(name: str, patterns: Iterable[str]) -> bool:
@@ -174,12 +474,34 @@ def _rate(rate_hz: float) -> str:
     return f"{{rate_hz: {rate_hz:.3g}, tolerance_hz: {rate_hz / 10:.2g}}}"
 
 
-def _word(name: str) -> str:
-    """Return a name as YAML has it, without the leading slash."""
+def _s(seconds: float) -> str:
+    return f"{seconds * 1000:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
+
+
+# --- names as YAML and comments have them -----------------------------------------------------------------
+
+
+def word(name: str) -> str:
+    """Return a name as YAML and sentences have it, without the leading slash."""
     name = name.removeprefix("/")
-    return name if YAML_WORD.match(name) and PLAIN_NAME.match(name) else json.dumps(name, ensure_ascii=False)
+    plain = YAML_WORD.match(name) and PLAIN_NAME.match(name) and name.lower() not in RESERVED
+    return name if plain else json.dumps(name, ensure_ascii=False)
 
 
-def _comment(text: str) -> str:
+def comment(text: str) -> str:
     """Return a text in which nothing ends the comment."""
     return "".join(letter if letter.isprintable() else "?" for letter in text.removeprefix("/"))
+
+
+def slug(text: str, taken: Iterable[str] = ()) -> str:
+    """Return a plain name for a text, one that is not taken."""
+    base = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_") or "value"
+    base = base if base[0].isalpha() else f"v{base}"
+    found, number = base, 2
+    while found in taken:
+        found, number = f"{base}{number}", number + 1
+    return found
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

@@ -147,6 +147,8 @@ NODE: Schema = {
 TOPIC: Schema = {
     "rate_hz": _said("what the observers may expect, in messages per second", ABOVE_0),
     "tolerance_hz": _said("by how much the rate may differ, in messages per second", ABOVE_0),
+    "silent": _said("whether its silence is by design, and blames nobody", OFF),
+    "latched": _said("whether its last message is kept for those who come later", OFF),
     "cost": _said("of observing it, in seconds", {**ABOVE_0, "default": 1}),
 }
 PROPERTY: Schema = {"cost": TOPIC["cost"]}

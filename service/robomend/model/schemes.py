@@ -25,6 +25,8 @@ Opt-in keys add premises, never clauses of another shape:
   blamed. A feeder without channel gets a clause 1 of its own, since its on(psu) now bears weight. Without
   `fed_by` nothing changes.
 
+And one takes clauses away: a topic that is `silent` by design is no output in schemes 2 to 4.
+
 Source: section IV-D of the paper.
 """
 
@@ -69,7 +71,7 @@ def drivers(model: ComponentModel) -> Scheme:
                 continue
             working = (premise for device in devices for premise in _working(model, device))
             premises = [-ab(node.name), *dict.fromkeys(working)]
-            for topic, inputs in node.publishes.items():
+            for topic, inputs in _heard(model, node):
                 needed = [holds("ok", i) for i in inputs] if node.inputs_matter else []
                 yield _rule([*premises, *needed], holds("ok", topic), f"scheme {number}", node.line)
 
@@ -78,7 +80,7 @@ def nodes(model: ComponentModel) -> Scheme:
     """Scheme 4."""
     for node in model.nodes.values():
         if not node.drives:
-            for topic, inputs in node.publishes.items():
+            for topic, inputs in _heard(model, node):
                 needed = [holds("ok", i) for i in inputs]
                 yield _rule([-ab(node.name), *needed], holds("ok", topic), "scheme 4", node.line)
 
@@ -137,12 +139,21 @@ def outputs(model: ComponentModel) -> dict[str, tuple[Output, ...]]:
         names = dict.fromkeys(
             name for device in powered for name in (device.name, *model.feeders(device.name))
         )
-        for topic, inputs in node.publishes.items():
+        for topic, inputs in _heard(model, node):
             rests_on = tuple(map(ok, inputs)) if inputs_count else ()
             output = Output(ok(topic), node.name, rests_on)
             for name in (node.name, *names):
                 found.setdefault(name, []).append(output)
     return {name: tuple(each) for name, each in found.items()}
+
+
+def _heard(model: ComponentModel, node: Node) -> list[tuple[str, tuple[str, ...]]]:
+    """Return what a node publishes, and what that rests on, but for topics that are silent by design."""
+    return [
+        (topic, inputs)
+        for topic, inputs in node.publishes.items()
+        if topic not in model.topics or not model.topics[topic].silent
+    ]
 
 
 def _working(model: ComponentModel, device: Hardware) -> list[Literal]:

@@ -165,7 +165,7 @@ class Ros1(RosBridge):
     def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
         def tell(table: dict[str, bool | None]) -> None:
             self.look_at_names(table)
-            deliver(NODES, {self.names.ours(name): runs for name, runs in table.items()}, None)
+            deliver(NODES, self.table(table), None)
 
         return Liveness(node, tell, self.ping_s, self.ping_timeout_s)
 

@@ -75,6 +75,16 @@ class RosNode:
         self._subscriptions[topic] = found
         return found
 
+    async def listen(self, topic: str, on_message: OnMessage, keep: bool = False) -> None:
+        """Listen to one more topic while the node runs.
+
+        Raises:
+            PeerError: the master does not take it; it is tried again with the next registration.
+        """
+        found = self.subscribe(topic, on_message, keep)
+        if self.known.is_set():
+            found.publishers(self._others(await self._register(found)))
+
     def publish(self, topic: str, type_name: str, describe: Describe, latched: bool = False) -> Publication:
         """Offer a topic, from the next registration on."""
         known = self._publications.get(topic)
@@ -136,8 +146,11 @@ class RosNode:
         self.known.clear()
         for publication in self._publications.values():
             await self.master.register_publisher(publication.topic, publication.type_name, self.api)
-        for subscription in self._subscriptions.values():
-            subscription.publishers(self._others(await self._register(subscription)))
+        told: set[str] = set()
+        while new := [one for topic, one in self._subscriptions.items() if topic not in told]:
+            for subscription in new:  # more of them may come meanwhile
+                subscription.publishers(self._others(await self._register(subscription)))
+                told.add(subscription.topic)
         self.known.set()
         self.problems.over(self.name)
         log.info("ROS 1: %s is known to the master at %s", self.name, self.master.uri)

@@ -57,6 +57,7 @@ class Publisher:
     type: str = ""
     md5: str = ""
     definition: str = ""
+    latched: bool = False  # the last message is sent to whoever comes later
 
 
 OnMessage = Callable[[Publisher, bytes, int], None]
@@ -223,6 +224,7 @@ class Subscription:
             header.get("type", ""),
             header.get("md5sum", ""),
             header.get("message_definition", ""),
+            header.get("latching") == "1",
         )
         if self._md5 and self._md5 != publisher.md5:
             self._problems.tell(

@@ -263,7 +263,7 @@ class Ros2Bridge(RosBridge):
             found = await look()
             if found is not None and not unheard.drains:
                 self.look_at_names(found)
-                table = {self.names.ours(name): runs for name, runs in found.items()}
+                table = self.table(found)
                 if table != said or time.monotonic() - said_s >= TABLE_S:
                     deliver(NODES, table, None)
                     said, said_s = table, time.monotonic()

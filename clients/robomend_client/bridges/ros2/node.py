@@ -82,8 +82,12 @@ class DdsNode:
         self._again_s = float("-inf")  # when the domain was last entered once more
 
     def subscribe(self, topic: str, on_sample: OnSample) -> None:
-        """Listen to a topic, as soon as somebody publishes it."""
-        self._wanted.setdefault(topic, []).append(on_sample)
+        """Listen to a topic, as soon as somebody publishes it; while the node runs, too."""
+        known = self._wanted.setdefault(topic, [])
+        known.append(on_sample)
+        for part in (self._part, self._next):
+            if part is not None:
+                part.listen(topic, known)
 
     def publish(self, topic: str, kind: str) -> ToldByUs:
         """Offer a topic."""
@@ -216,6 +220,13 @@ class _Part:
         self._announced: Entities | None = None
         self._began_s = time.monotonic()
         self._complete_s: float | None = None  # since when it knows all that the part before it does
+
+    def listen(self, topic: str, on_sample: Sequence[OnSample]) -> None:
+        """Listen to one more topic."""
+        if topic not in self.topics:
+            one = self.topics[topic] = ListenedTopic(topic, on_sample, self._node.problems)
+            one.follow(self.dds, self.found)
+            self._announce()
 
     def look(self) -> bool:
         """See what is new on the network; return whether anything was."""

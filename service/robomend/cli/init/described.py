@@ -9,18 +9,25 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from glob import escape
 from pathlib import Path
 from typing import Any
 
 from robomend.cli.schema import schema_line
 from robomend.errors import InputError, ModelError
 from robomend.model.components import ComponentModel
+from robomend.model.from_graph import FirstModel, Steady, comment, first_model, word
 from robomend.model.loading import load_text
-from robomend_client.literals import PLAIN_NAME, holds
+from robomend_client.literals import holds
+from robomend_client.ros_graph import Heard
 
 DEFAULT_RATE_HZ = 10.0
 URL = "http://127.0.0.1:8600"
-NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off"})
+
+OBSERVED_S = 5.0
+"""A topic whose first verdict takes longer is watched, and not waited for."""
+
+STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
 
 @dataclass
@@ -37,7 +44,7 @@ class Described:
     board: tuple[str, int] | None = None  # host, port
     url: str = URL
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
-    model_text: str | None = None  # where something else proposed it
+    heard: Heard | None = None  # where a robot was listened to, or its graph read
 
 
 def files_of(described: Described) -> dict[str, str]:
@@ -47,7 +54,8 @@ def files_of(described: Described) -> dict[str, str]:
         InputError: what was said does not fit together, with the words of the reader.
     """
     name = f"{described.robot}.yaml"
-    model = described.model_text or model_text(described)
+    first = None if described.heard is None else first_model(described.heard, described.robot)
+    model = model_text(described) if first is None else first.text
     model = schema_line("model") + model
     try:
         system = load_text(model, name=described.robot, file=name)
@@ -57,8 +65,8 @@ def files_of(described: Described) -> dict[str, str]:
     assert parts is not None  # a component model has them
     texts = {
         name: model,
-        "agent.yaml": schema_line("agent") + agent_text(described, parts),
-        "robot.yaml": schema_line("robot") + robot_text(described, parts),
+        "agent.yaml": schema_line("agent") + agent_text(described, parts, first),
+        "robot.yaml": schema_line("robot") + robot_text(described, parts, first),
     }
     check_agent(texts["agent.yaml"])
     check_robot(texts["robot.yaml"])
@@ -73,13 +81,13 @@ def model_text(described: Described) -> str:
 def _model_lines(said: Described) -> Iterator[str]:
     yield f"# What {said.robot} is made of: docs/models.md. `robomend model check` says what is left out."
     yield "robomend: 1"
-    yield f"name: {_word(said.robot)}"
+    yield f"name: {word(said.robot)}"
     if said.devices:
         yield "hardware:"
         for device, channel in said.devices.items():
             # Without a channel, a device is blamed beside its driver only where this is said.
             wired = f"channel: {channel}" if channel is not None else "blame_hardware: true"
-            yield f"  {_word(device)}: {{{wired}}}"
+            yield f"  {word(device)}: {{{wired}}}"
     yield "nodes:"
     for node, topics in said.nodes.items():
         keys = []
@@ -88,19 +96,23 @@ def _model_lines(said: Described) -> Iterator[str]:
             if any(said.rests_on.get(topic) for topic in topics):
                 keys.append("inputs_matter: true")
         if topics:
-            published = ", ".join(f"{_word(t)}: {_words(said.rests_on.get(t, ()))}" for t in topics)
+            published = ", ".join(f"{word(t)}: {_words(said.rests_on.get(t, ()))}" for t in topics)
             keys.append(f"publishes: {{{published}}}")
-        yield f"  {_word(node)}: {{{', '.join(keys)}}}"
+        yield f"  {word(node)}: {{{', '.join(keys)}}}"
     every = [topic for topics in said.nodes.values() for topic in topics]
     if every:
         yield "topics:                       # messages per second, and how far that may stray"
         for topic in every:
             rate = said.rates_hz.get(topic, DEFAULT_RATE_HZ)
-            yield f"  {_word(topic)}: {{rate_hz: {rate:g}, tolerance_hz: {rate / 5:g}}}"
+            yield f"  {word(topic)}: {{rate_hz: {rate:g}, tolerance_hz: {rate / 5:g}}}"
 
 
-def agent_text(said: Described, parts: ComponentModel) -> str:
-    """Return the agent's file: what it watches, and the programs that it supervises."""
+def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None = None) -> str:
+    """Return the agent's file: what it watches, and the programs that it supervises.
+
+    Args:
+        first: what came of listening, where somebody listened.
+    """
     lines = [
         "# The robot's side: robomend-agent agent.yaml (--check: what it means). Every key: docs/agent.md.",
         f"robot: {said.robot}",
@@ -108,7 +120,9 @@ def agent_text(said: Described, parts: ComponentModel) -> str:
     ]
     for origin, keys in said.origin.items():
         lines += [f"{origin}: {json.dumps(keys)}", f"rate: {{from: {origin}}}"]
-    if topics := published(parts):
+    if said.heard is not None and said.heard.seconds and first is not None:
+        lines += _heard_lines(said, first)
+    elif topics := published(parts):
         lines.append(
             "topics:                       # reported as ok(topic), or not, by the rate of the messages"
         )
@@ -116,29 +130,75 @@ def agent_text(said: Described, parts: ComponentModel) -> str:
             known = parts.topics.get(topic)
             rate = (known.rate_hz if known else None) or DEFAULT_RATE_HZ
             tolerance = (known.tolerance_hz if known else None) or rate / 5
-            lines.append(f"  {_word(topic)}: {{rate_hz: {rate:g}, tolerance_hz: {tolerance:g}}}")
+            lines.append(f"  {word(topic)}: {{rate_hz: {rate:g}, tolerance_hz: {tolerance:g}}}")
     if said.commands:
         lines.append("processes:                    # what may be started and stopped; nothing else is")
         for node, command in said.commands.items():
             words = json.dumps(list(command), ensure_ascii=False)
-            lines.append(f"  {_word(node)}: {{command: {words}, start: true}}")
+            lines.append(f"  {word(node)}: {{command: {words}, start: true}}")
     else:
         lines += [
             "# processes:                  # what the agent may start and stop, by the model's names",
-            f"#   {_word(next(iter(parts.nodes)))}: {{command: [python3, my_node.py], start: true}}",
+            f"#   {word(next(iter(parts.nodes)))}: {{command: [python3, my_node.py], start: true}}",
         ]
     return "\n".join(lines) + "\n"
 
 
-def robot_text(said: Described, parts: ComponentModel) -> str:
+def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
+    """The observers of what was heard, each number beside what it rests on."""
+    assert said.heard is not None
+    origin = next(iter(said.origin), "bus")
+    if first.watched:
+        yield "topics:                       # reported as ok(topic), or not, by the rate of the messages"
+        for topic, steady in first.watched.items():
+            yield f"  # {comment(steady.why)}"
+            yield f"  {word(topic)}: {{{_rate_keys(steady)}}}"
+    yield "observers:"
+    if said.origin:
+        names = ", ".join(map(word, first.nodes))
+        yield f"  nodes: {{kind: node, from: {origin}, preset: {origin}, nodes: [{names}]}}"
+    for name, status in first.statuses.items():
+        came = said.heard.statuses[status].topic
+        every_s = max(came.usual_s, 0.1)
+        life_s = max(STATUS_LIFE_S, STATUS_GAPS * came.longest_s)
+        yield f"  # OK in all of {came.count} statuses, {every_s:.2g} s apart (median)"
+        yield (
+            f"  {word(name)}: {{kind: diagnostic, from: {origin}, status: [{json.dumps(escape(status))}], "
+            f"bad_from: error, interval_s: {every_s:.3g}, lifetime_s: {life_s:.3g}}}"
+        )
+
+
+def _rate_keys(steady: Steady) -> str:
+    """Return what the observer of a rate is told."""
+    keys: dict[str, float] = {
+        "rate_hz": float(f"{steady.rate_hz:.4g}"),
+        "tolerance_hz": float(f"{steady.tolerance_hz:.3g}"),
+        "tolerance_above_hz": float(f"{steady.above_hz:.3g}"),
+        "window": steady.window,
+        "settle": steady.settle,
+        "silence_s": float(f"{steady.silence_s * 1.005:.3g}"),
+    }
+    if steady.pause_s is not None:
+        keys["pause_s"] = float(f"{steady.pause_s * 1.005:.3g}")
+    return ", ".join(f"{key}: {value:g}" for key, value in keys.items())
+
+
+def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None = None) -> str:
     """Return the robot's configuration: what it follows, and what the service should hear of."""
+    heard = said.heard is not None and said.heard.seconds > 0
     lines = [
         f"# For robomend robot put {said.robot} robot.yaml --model {said.robot}.yaml; fields: docs/http.md.",
         f"model: {said.robot}",
-        "policy: approve               # observe: never act; approve: a person says yes; auto",
+        f"policy: {'observe' if heard else 'approve'}               "
+        "# observe: never act; approve: a person says yes; auto",
     ]
-    observed = [str(holds("ok", topic)) for topic in published(parts)]
-    observed += [str(holds("running", node)) for node in said.commands]
+    if heard and first is not None:
+        quick = [t for t, steady in first.watched.items() if steady.settle <= OBSERVED_S * steady.rate_hz]
+        observed = [str(holds("ok", name)) for name in (*quick, *first.statuses)]
+        observed += [str(holds("running", node)) for node in first.nodes if said.origin]
+    else:
+        observed = [str(holds("ok", topic)) for topic in published(parts)]
+        observed += [str(holds("running", node)) for node in said.commands]
     if observed:
         lines.append("observed:                     # what it should hear of: silence is not health")
         lines += [f"  - {json.dumps(sentence, ensure_ascii=False)}" for sentence in observed]
@@ -184,11 +244,5 @@ def check_robot(text: str) -> None:
         raise InputError(f"robot.yaml: {place}: {first['msg']}") from error
 
 
-def _word(name: str) -> str:
-    """Return a name as YAML has it; what editors take for no text is in quotes."""
-    plain = name[:1].isalpha() and PLAIN_NAME.match(name) and name.lower() not in NO_TEXT
-    return name if plain else json.dumps(name, ensure_ascii=False)
-
-
 def _words(names: tuple[str, ...]) -> str:
-    return f"[{', '.join(map(_word, names))}]"
+    return f"[{', '.join(map(word, names))}]"

@@ -114,10 +114,9 @@ def command(
 
 def _from_ros(said: Described, ros1: str | None, ros2: int | None, bag: Path | None) -> None:
     from robomend.cli.model_from_ros import graph_of
-    from robomend.model.from_graph import model_from_graph
+    from robomend_client.ros_graph import Heard
 
-    graph, source = graph_of(ros1, ros2, bag)
-    said.model_text = model_from_graph(graph, said.robot, source)
+    said.heard = Heard(*graph_of(ros1, ros2, bag))
     said.origin = (
         {"ros2": {"domain": ros2}} if ros2 is not None else {"ros1": {"master": ros1} if ros1 else {}}
     )

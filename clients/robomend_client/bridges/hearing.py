@@ -1,0 +1,353 @@
+"""Listening to a running robot of which nothing is known: all its topics, nodes, statuses, into one value.
+
+    graph ──► topics that are new ──► listened to        each LOOK_S
+    messages ──► times; of /diagnostics, /rosout and lifecycles what they say
+    nodes ──► who runs, who ended meanwhile
+
+Nothing is published, and no service is called.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Collection, Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from robomend_client.beats import beat
+from robomend_client.bridges.fields import MissingField, UnreadableMessage
+from robomend_client.bridges.opened import OpenedMessage
+from robomend_client.bridges.problems import Problems
+from robomend_client.python310 import end
+from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name
+
+if TYPE_CHECKING:  # what they need may not be installed
+    from robomend_client.bridges.ros1.node import RosNode
+    from robomend_client.bridges.ros2.dds import Sample
+    from robomend_client.bridges.ros2.discovered import Endpoint
+    from robomend_client.bridges.ros2.node import DdsNode
+
+NAME = "/robomend_attach"
+LOOK_S = 0.5
+
+DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+ROSOUT = "/rosout"
+LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
+ERROR_FROM = {LOGS[0]: 8, LOGS[1]: 40}
+TRANSITION = "lifecycle_msgs/TransitionEvent"
+ACTION_STATUS = "/_action/status"
+ACTION_RESULT = "ActionResult"
+"""Ends the type of the topic on which an action server of ROS 1 tells its results."""
+
+NOT_HEARD = frozenset(("/parameter_events", "/ros_discovery_info"))
+
+MOST_TOPICS = 4096
+MOST_STATUSES = 1000
+JUMP_S = 1.0
+"""More than that, and the clock was set."""
+
+PING_S = 1.0
+
+
+class Hearing(ABC):
+    """What is heard of one robot."""
+
+    def __init__(self, source: str, origin: Mapping[str, Any], known: Collection[str] = ()) -> None:
+        """
+        Args:
+            source: where it is heard, for people.
+            origin: the section of the agent's file for it, by its name.
+            known: topics that are not listened to any more.
+        """
+        self.problems = Problems(source)
+        self.graph = RosGraph()
+        self.ears: dict[str, Ear] = {}
+        self._source = source
+        self._origin = origin
+        self._known = frozenset(known)
+        self._levels: dict[str, set[int]] = {}
+        self._status_ears: dict[str, Ear] = {}
+        self._status_publishers: dict[str, set[str]] = {}
+        self._errors: Counter[str] = Counter()
+        self._states: dict[str, str] = {}
+        self._seen: set[str] = set()
+        self._runs: Mapping[str, bool | None] = {}
+        self._began_s = time.monotonic()
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Return the time by a clock that is not set while it is listened."""
+        return time.monotonic_ns() + self._ahead_ns
+
+    async def run(self) -> None:
+        """Listen until cancelled."""
+        await asyncio.to_thread(import_module, "rosbags.typesys")  # a third of a second
+        self._began_s = time.monotonic()
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+        await self._listen()
+
+    def heard(self) -> Heard:
+        """Return what was heard so far."""
+        seconds = time.monotonic() - self._began_s
+        latched = self._latched()
+        topics = {name: ear.heard(name in latched) for name, ear in self.ears.items()}
+        runs: dict[str, bool] = {}
+        for name, one in self._runs.items():
+            runs[lasting_name(name)] = runs.get(lasting_name(name), False) or one is not False
+        known = self._seen | runs.keys() if self._runs else set()
+        gone = {node for node in known if not runs.get(node, False)}
+        graph = self.graph.renamed()
+        jump_s = (time.time_ns() - time.monotonic_ns() - self._ahead_ns) / 1e9
+        remarks = [f"the clock was set by {jump_s:+.1f} s meanwhile"] if abs(jump_s) > JUMP_S else []
+        remarks += [f"{topic.removeprefix('/')}: {why}" for topic, why in sorted(self._mismatches().items())]
+        statuses = {
+            name: HeardStatus(
+                frozenset(levels),
+                frozenset(self._status_publishers[name]),
+                self._status_ears[name].heard(),
+            )
+            for name, levels in self._levels.items()
+        }
+        return Heard(
+            graph,
+            self._source,
+            seconds,
+            self.now_ns(),
+            topics,
+            statuses,
+            {name: lasting_name(node) for name, node in self._actions().items()},
+            self._lifecycle(graph),
+            dict(self._errors),
+            frozenset(gone),
+            tuple(remarks),
+            {name: dict(keys) for name, keys in self._origin.items()},
+        )
+
+    @abstractmethod
+    async def _listen(self) -> None: ...
+
+    @abstractmethod
+    def _latched(self) -> Collection[str]:
+        """Return the topics whose publishers all keep the last message."""
+
+    @abstractmethod
+    def _actions(self) -> dict[str, str]:
+        """Return the actions, each with the node that serves it."""
+
+    def _mismatches(self) -> Mapping[str, str]:
+        """Return the topics of which no message goes from a publisher to a listener, and why."""
+        return {}
+
+    # --- for those who derive from it --------------------------------------------------------------------
+
+    def _found(self, graph: RosGraph, runs: Mapping[str, bool | None]) -> list[str]:
+        """This is the graph now; return the topics to listen to as well."""
+        self.graph = graph
+        self._runs = runs
+        self._seen.update(lasting_name(name) for name, one in runs.items() if one)
+        new = sorted(graph.publishers.keys() - self.ears.keys() - NOT_HEARD - self._known)
+        new = new[: MOST_TOPICS - len(self.ears)]
+        for topic in new:
+            self.ears[topic] = Ear()
+        return new
+
+    def _looks(self, topic: str) -> bool:
+        return self._kind(topic) in (DIAGNOSTICS, TRANSITION, *LOGS)
+
+    def _look(self, topic: str, node: str, time_ns: int, message: OpenedMessage) -> None:
+        """Look into a message of a kind that says something of nodes."""
+        kind = self._kind(topic)
+        try:
+            if kind == DIAGNOSTICS:
+                for status in message.at("status"):
+                    self._status(str(status["name"]).removeprefix("/"), status["level"], node, time_ns)
+            elif kind == TRANSITION:
+                self._states[node] = str(message.at("goal_state.label"))
+            elif kind in LOGS and int(message.at("level")) >= ERROR_FROM[kind]:
+                named = str(message.at("name"))
+                self._errors[lasting_name("/" + named.removeprefix("/").replace(".", "/"))] += 1
+        except (MissingField, UnreadableMessage, TypeError, ValueError, KeyError) as error:
+            self.problems.tell(f"messages of {topic} by {node}", str(error))
+
+    def _status(self, name: str, level: Any, node: str, time_ns: int) -> None:
+        if name not in self._levels and len(self._levels) >= MOST_STATUSES:
+            return
+        self._levels.setdefault(name, set()).add(level[0] if isinstance(level, bytes) else int(level))
+        self._status_ears.setdefault(name, Ear()).message(time_ns)
+        if node:
+            self._status_publishers.setdefault(name, set()).add(lasting_name(node))
+        self._status_publishers.setdefault(name, set())
+
+    def _kind(self, topic: str) -> str:
+        return self.graph.types.get(topic, "").replace("/msg/", "/")
+
+    def _lifecycle(self, graph: RosGraph) -> dict[str, str]:
+        """Return the nodes that have a lifecycle, with their states as they were said last."""
+        of_kind = [topic for topic, kind in graph.types.items() if kind == TRANSITION]
+        nodes = {node for topic in of_kind for node in graph.publishers.get(topic, ())}
+        states = {lasting_name(node): state for node, state in self._states.items()}
+        return {node: states.get(node, "") for node in nodes}
+
+
+class Ros2Hearing(Hearing):
+    """A domain of ROS 2."""
+
+    def __init__(self, domain: int, known: Collection[str] = ()) -> None:
+        super().__init__(f"domain {domain} of ROS 2", {"ros2": {"domain": domain}}, known)
+        self._domain = domain
+        self._node: DdsNode | None = None
+
+    async def _listen(self) -> None:
+        from robomend_client.bridges.ros2.dds import Dds, configuration, only_here
+        from robomend_client.bridges.ros2.liveness import Liveness
+        from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
+        from robomend_client.bridges.ros2.node import DdsNode, Forgotten
+
+        readers = MessageReaders(folders_of(os.environ, ()))
+        config = configuration(os.environ, only_here(os.environ), ())
+        while True:
+            dds = await asyncio.to_thread(Dds, self._domain, config)
+            node = self._node = DdsNode(NAME, self.problems)
+            liveness = Liveness(node.found, self.problems, node.unheard)
+            for topic in self.ears:
+                node.subscribe(topic, self._hearing(topic, node, readers))
+            task = asyncio.create_task(node.run(dds))
+            try:
+                looked_s = float("-inf")
+                while not task.done():
+                    node.read_now()
+                    if time.monotonic() - looked_s >= LOOK_S:
+                        looked_s = time.monotonic()
+                        for topic in self._found(node.found.graph(), await liveness.look()):
+                            node.subscribe(topic, self._hearing(topic, node, readers))
+                    await beat()
+                task.result()
+            except Forgotten:
+                continue
+            finally:
+                await end([task])
+                liveness.close()
+                dds.close()
+
+    def _hearing(self, topic: str, node: DdsNode, readers: Any) -> Any:
+        from robomend_client.bridges.ros2.names import ros_type
+        from robomend_client.bridges.ros2.stamps import Ages
+
+        ear, ages = self.ears[topic], dict[bytes, Ages]()
+
+        def heard(writer: Endpoint, sample: Sample) -> None:
+            now_ns = self.now_ns()
+            time_ns = now_ns - ages.setdefault(writer.key, Ages()).age_ns(sample.time_ns, now_ns)
+            ear.message(time_ns)
+            if self._looks(topic):
+                try:
+                    message = readers.open(ros_type(writer.type), writer.type_hash, sample.data)
+                except UnreadableMessage as error:
+                    self.problems.tell(f"messages of {topic}", str(error))
+                    return
+                self._look(topic, node.found.name_of(writer), time_ns, message)
+
+        return heard
+
+    def _latched(self) -> Collection[str]:
+        from robomend_client.bridges.ros2.names import wire_topic
+
+        found = set()
+        for topic in self.ears:
+            writers = [] if self._node is None else self._node.found.writers(wire_topic(topic))
+            if writers and all(one.durability and one.reliable for one in writers):
+                found.add(topic)
+        return found
+
+    def _mismatches(self) -> Mapping[str, str]:
+        return {} if self._node is None else self._node.found.mismatches()
+
+    def _actions(self) -> dict[str, str]:
+        from robomend_client.bridges.ros2.names import ros_topic
+
+        found: dict[str, str] = {}
+        for one in () if self._node is None else self._node.found.endpoints.values():
+            topic = ros_topic(one.topic) or ""
+            if one.writes and topic.endswith(ACTION_STATUS) and self._node is not None:
+                found[topic.removesuffix(ACTION_STATUS)] = self._node.found.node_of(one)
+        return found
+
+
+class Ros1Hearing(Hearing):
+    """A master of ROS 1."""
+
+    def __init__(self, uri: str, known: Collection[str] = ()) -> None:
+        super().__init__(f"the master at {uri}", {"ros1": {"master": uri}}, known)
+        self._uri = uri
+        self._keeps: set[str] = set()  # topics of which a publisher keeps the last message,
+        self._keeps_not: set[str] = set()  # or one does not
+
+    async def _listen(self) -> None:
+        from robomend_client.bridges.ros1.liveness import Liveness
+        from robomend_client.bridges.ros1.messages import MessageReaders
+        from robomend_client.bridges.ros1.node import RosNode
+        from robomend_client.bridges.ros1.xmlrpc import PeerError
+
+        own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+        node = RosNode(NAME, self._uri, own, self.problems, self.now_ns)
+        readers, runs = MessageReaders(), dict[str, bool | None]()
+
+        def table(found: dict[str, bool | None]) -> None:
+            runs.clear()
+            runs.update(found)
+
+        self.ears[ROSOUT] = Ear()
+        await self._hear(node, ROSOUT, readers)  # before it is connected for the sake of who runs
+        liveness = Liveness(node, table, PING_S, PING_S)
+        tasks = [asyncio.create_task(node.run()), asyncio.create_task(liveness.run())]
+        try:
+            looked_s = float("-inf")
+            while not any(task.done() for task in tasks):
+                node.read_now()
+                if time.monotonic() - looked_s >= LOOK_S:
+                    looked_s = time.monotonic()
+                    try:
+                        graph = await node.master.graph()
+                        for topic in self._found(graph, dict(runs)):
+                            await self._hear(node, topic, readers)
+                    except PeerError as error:
+                        self.problems.tell("the master", str(error))
+                await beat()
+            for task in tasks:
+                if task.done():
+                    task.result()
+        finally:
+            await end(tasks)
+
+    async def _hear(self, node: RosNode, topic: str, readers: Any) -> None:
+        from robomend_client.bridges.ros1.subscription import Publisher
+
+        ear, looks = self.ears[topic], topic == ROSOUT or self._looks(topic)
+
+        def heard(publisher: Publisher, body: bytes, time_ns: int) -> None:
+            ear.message(time_ns)
+            (self._keeps if publisher.latched else self._keeps_not).add(topic)
+            if looks:
+                try:
+                    message = readers.open(publisher, body)
+                except UnreadableMessage as error:
+                    self.problems.tell(f"messages of {topic} by {publisher.node}", str(error))
+                    return
+                self._look(topic, publisher.node, time_ns, message)
+
+        await node.listen(topic, heard, keep=looks)
+
+    def _latched(self) -> Collection[str]:
+        return self._keeps - self._keeps_not
+
+    def _actions(self) -> dict[str, str]:
+        found = {}
+        for topic, kind in self.graph.types.items():
+            nodes = self.graph.publishers.get(topic, frozenset())
+            if kind.endswith(ACTION_RESULT) and topic.endswith("/result") and len(nodes) == 1:
+                found[topic.removesuffix("/result")] = next(iter(nodes))
+        return found
