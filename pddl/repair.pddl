@@ -9,8 +9,9 @@
 ;;   A fact and its opposite (on/off, running/stopped, bad/good) are two predicates, and an action
 ;;   that adds one deletes the other: tests/pddl/test_repair_domain.py.
 ;;   forall and when are guarded by static predicates only, so that grounding leaves STRIPS.
-;;   An action is one command of service/robomend/repairs/execution.py, with the same name. Costs are
-;;   about seconds: what a repair takes before its effect can be seen.
+;;   An action is one command of service/robomend/repairs/execution.py, with the same name; mend is sent as
+;;   the act that its remedy is, clear_costmap(planner). Costs are about seconds: what a repair takes before
+;;   its effect can be seen.
 ;;
 ;; Why it is larger than the paper's four actions (paper-repair.pddl)
 ;;   A device that comes back from a power cycle leaves its driver holding a dead connection: the driver
@@ -21,7 +22,8 @@
 (define (domain robot-repair)
   (:requirements :strips :typing :adl :action-costs)
   (:types component - object
-          hardware node - component)    ; a device, a process
+          hardware node - component     ; a device, a process
+          remedy - object)              ; an act of the model's `remedies`, such as a service call
   (:predicates
     (bad ?c - component)                ; blamed by the diagnosis under repair, or about to be
     (good ?c - component)               ; expected to work; the next diagnosis decides
@@ -36,7 +38,12 @@
     (fed_by ?h - hardware ?p - hardware)   ; or by what feeds that, up the chain
     (hangs_on ?h - hardware ?p - hardware) ; fed by it, and without a channel of its own
     (needs ?n - node ?m - node)         ; m must be good before n starts
-    (tied ?n - node ?m - node))         ; n must restart after m restarts
+    (tied ?n - node ?m - node)          ; n must restart after m restarts
+    (mends ?r - remedy ?c - component)
+    (asks ?r - remedy ?n - node)        ; n must run to be mended by it …
+    (begins ?r - remedy ?n - node)      ; … or is started by it, as by the restart of a unit
+    (rests_on ?r - remedy ?c - component) ; c must be good before, or it helps nothing
+    (upsets ?r - remedy ?n - node))     ; n must restart after it
   (:functions (total-cost) - number)
 
   ;; The driver of a device that comes back must reconnect, hence restart. What hangs on it comes back with it;
@@ -78,4 +85,19 @@
     :precondition (and (restartable ?n) (or (and (lingers ?n) (stopped ?n)) (running ?n)) (bad ?n))
     :effect (and (stopped ?n) (not (running ?n)) (not (lingers ?n)) (bad ?n) (not (good ?n))
       (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
-      (increase (total-cost) 1))))
+      (increase (total-cost) 1)))
+
+  ;; Whatever the model offers besides: a service is called, a parameter set, a lifecycle brought up again. It is
+  ;; done for what is blamed, and takes nothing away.
+  (:action mend
+    :parameters (?r - remedy)
+    :precondition (and (exists (?c - component) (and (mends ?r ?c) (bad ?c)))
+      (forall (?h - hardware) (imply (mends ?r ?h) (on ?h)))
+      (forall (?n - node) (imply (asks ?r ?n) (running ?n)))
+      (forall (?c - component) (imply (rests_on ?r ?c) (good ?c))))
+    :effect (and
+      (forall (?c - component) (when (mends ?r ?c) (and (good ?c) (not (bad ?c)))))
+      (forall (?n - node)
+        (when (begins ?r ?n) (and (running ?n) (not (stopped ?n)) (not (lingers ?n)))))
+      (forall (?n - node) (when (upsets ?r ?n) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) 2))))

@@ -219,6 +219,7 @@ def test_the_schema_of_a_model_has_the_readers_keys_no_more_and_no_fewer() -> No
         "topics": component_yaml.TOPIC_KEYS,
         "properties": component_yaml.PROPERTY_KEYS,
         "values": component_yaml.VALUE_KEYS,
+        "remedies": component_yaml.REMEDY_KEYS,
     }.items():
         assert tuple(sections[section]["additionalProperties"]["properties"]) == known
 

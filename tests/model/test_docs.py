@@ -12,6 +12,7 @@ from robomend.model.component_yaml import (
     MODEL_KEYS,
     NODE_KEYS,
     PROPERTY_KEYS,
+    REMEDY_KEYS,
     TOPIC_KEYS,
     VALUE_KEYS,
 )
@@ -24,7 +25,18 @@ EMPTY = vocabulary_of(ComponentModel("r", {}, {}, {}))
 
 @pytest.mark.parametrize(
     "key",
-    sorted({*MODEL_KEYS, *HARDWARE_KEYS, *NODE_KEYS, *TOPIC_KEYS, *PROPERTY_KEYS, *VALUE_KEYS, *KEYS}),
+    sorted(
+        {
+            *MODEL_KEYS,
+            *HARDWARE_KEYS,
+            *NODE_KEYS,
+            *TOPIC_KEYS,
+            *PROPERTY_KEYS,
+            *REMEDY_KEYS,
+            *VALUE_KEYS,
+            *KEYS,
+        }
+    ),
 )
 def test_every_key_is_documented(key: str) -> None:
     assert f"`{key}`" in PAGE

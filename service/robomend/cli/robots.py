@@ -63,7 +63,7 @@ async def _read(robot: str, settings: Settings) -> Sequence[str]:
             faults = await configuring.faults(state.config, state.system, readers)
             actions: Sequence[str] = ()
             with contextlib.suppress(RobomendError):  # its domain is at fault: named already
-                actions = await readers.actions(state.config.domain)
+                actions = await readers.actions(state.config.domain, state.system.parts)
             return findings(state, faults, actions, around, None)
     finally:
         await readers.close()

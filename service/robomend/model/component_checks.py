@@ -13,6 +13,9 @@ from robomend_client.yaml_tree import Mapping
 
 SHOWN = 60
 
+BUILT_IN = frozenset({"power_up", "shutdown", "start_node", "stop_node", "mend"})
+"""The actions of pddl/repair.pddl."""
+
 
 class Checks:
     """What no entry can see by itself: names that refer to others, channels, feeds."""
@@ -31,6 +34,7 @@ class Checks:
         self.feeds()
         self.nodes()
         self.values()
+        self.remedies()
 
     def distinct(self) -> None:
         first: dict[str, str] = {}
@@ -126,6 +130,26 @@ class Checks:
         for pair in model.related:
             for name in pair:
                 self.known(name, model.values, "value", self.top.lines["related"])
+
+    def remedies(self) -> None:
+        components, seen = self.model.components, set[str]()
+        for remedy in self.model.remedies:
+            if remedy.name in BUILT_IN:
+                self.fail(
+                    f"`{remedy.name}` is an act of every robot; a remedy needs a name of its own",
+                    remedy.line or 1,
+                )
+            if str(remedy) in seen:
+                self.fail(f"the remedy {shown(str(remedy))} is there twice", remedy.line or 1)
+            seen.add(str(remedy))
+            for name in (*remedy.mends, *remedy.needs):
+                self.known(name, components, "component", remedy.line)
+            for name in remedy.restarts:
+                self.known(name, self.model.nodes, "node", remedy.line)
+                if name in remedy.mends:
+                    self.fail(
+                        f"{shown(str(remedy))} cannot mend {name} and have it restarted", remedy.line or 1
+                    )
 
     def known(self, name: str, names: Collection[str], what: str, line: int | None) -> None:
         if name not in names:

@@ -7,8 +7,9 @@ are the whole format; docs and the starter model of `robomend init` follow them.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import fields
 from typing import Any, NoReturn, TypeVar
 
@@ -16,16 +17,26 @@ from robomend.errors import ModelError
 from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import PARTIAL
 from robomend.model.component_checks import Checks, near, shown
-from robomend.model.components import KINDS, Component, ComponentModel, Hardware, Node, Topic, Value
+from robomend.model.components import (
+    KINDS,
+    Component,
+    ComponentModel,
+    Hardware,
+    Node,
+    Remedy,
+    Topic,
+    Value,
+)
 from robomend.model.sentences import plain
 from robomend_client import yaml_tree
+from robomend_client.readings import Symptom
 from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
 OTHER_KINDS = KINDS[2:]
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", *(kind.section for kind in KINDS), "topics",
     "properties", "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
-    "partial_failure",
+    "partial_failure", "remedies",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
@@ -35,6 +46,11 @@ NODE_KEYS = (
 TOPIC_KEYS = ("rate_hz", "tolerance_hz", "silent", "latched", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
+REMEDY_KEYS = ("mends", "cost", "symptoms", "needs", "restarts", "starts")
+ACT = re.compile(r"([A-Za-z_][\w-]*)(?:\(([^()]*)\))?\Z")
+"""`clear_costmap`, of each component that it mends; or `set_mode(spiral, low)`, as it is."""
+
+SYMPTOMS = tuple(str(one) for one in Symptom)
 
 COMMON_FIELDS = frozenset(one.name for one in fields(Component))
 
@@ -126,6 +142,7 @@ class _Reader:
             act_when_line=None if act_when is None else act_when[1],
             others=others,
             partial_failure=self.optional(top, "partial_failure", self.probability) or PARTIAL,
+            remedies=tuple(self.remedies(top)),
         )
         if not model.components:
             sections = " or ".join(f"`{kind.section}:`" for kind in KINDS)
@@ -214,6 +231,42 @@ class _Reader:
             if key not in entry.items:
                 self.fail(f"value {name} needs `{key}:`", line)
         return Value(name, self.name(entry.items["topic"]), self.text(entry.items["field"]))
+
+    def remedies(self, top: yaml_tree.Mapping) -> Iterator[Remedy]:
+        for key, tree, line in self.named(top, "remedies"):
+            found = ACT.match(key)
+            if found is None:
+                self.fail(
+                    f"a remedy is named as the act that is asked for, `clear_costmap` or "
+                    f"`set_mode(spiral, low)`, not {shown(key)}",
+                    line,
+                )
+            entry = self.mapping(tree, f"remedy {key}", REMEDY_KEYS)
+            mends = self.optional(entry, "mends", self.names)
+            if not mends:
+                self.fail(f"remedy {key} needs `mends:`, the component that it makes good again", line)
+            symptoms = self.optional(entry, "symptoms", self.names) or ()
+            for one in symptoms:
+                if one not in SYMPTOMS:
+                    self.fail(
+                        f"no symptom is named {shown(one)}{near(one, SYMPTOMS)}; there are "
+                        f"{', '.join(SYMPTOMS)}",
+                        entry.items["symptoms"].line,
+                    )
+            name, given = found[1], found[2]
+            more: dict[str, Any] = {
+                "cost": self.optional(entry, "cost", self.number(0)),
+                "symptoms": symptoms,
+                "needs": self.optional(entry, "needs", self.names) or (),
+                "restarts": self.optional(entry, "restarts", self.names) or (),
+                "starts": self.optional(entry, "starts", self.flag) or False,
+                "line": line,
+            }
+            if given is None:
+                yield from (Remedy(name, (each,), (each,), **more) for each in mends)
+            else:
+                parameters = tuple(each.strip() for each in given.split(",")) if given.strip() else ()
+                yield Remedy(name, parameters, mends, **more)
 
     def modes(self, tree: Tree) -> dict[str, tuple[str, ...]]:
         found: dict[str, tuple[str, ...]] = {}

@@ -106,6 +106,24 @@ class Value:
     field: str
 
 
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """An act that somebody is configured for, an agent mostly, and what it mends."""
+
+    name: str  # as the agent has it: clear_costmap
+    parameters: tuple[str, ...]
+    mends: tuple[str, ...]  # components
+    cost: float | None = None  # about seconds; None: the domain's
+    symptoms: tuple[str, ...] = ()  # it helps against these only (robomend_client.readings.Symptom)
+    needs: tuple[str, ...] = ()  # components that must be good before, besides those that the model knows
+    restarts: tuple[str, ...] = ()  # nodes that must restart after it
+    starts: bool = False  # the nodes that it mends need not run: it starts them
+    line: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.parameters)})"
+
+
 @dataclass(frozen=True)
 class ComponentModel:
     """A robot: hardware, nodes, topics, and the user's own rules."""
@@ -126,6 +144,7 @@ class ComponentModel:
     act_when_line: int | None = None
     others: Mapping[str, Mapping[str, Component]] = field(default_factory=dict)  # section -> of other kinds
     partial_failure: float = PARTIAL  # P(a component that fails does so in part only), for weighing
+    remedies: tuple[Remedy, ...] = ()  # besides restarts and power
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -156,6 +156,19 @@ VALUE: Schema = {
     "topic": _said("the topic whose messages have it", NAME),
     "field": _said("the way to it, e.g. twist.twist.angular.z", {"type": SCALAR}),
 }
+REMEDY: Schema = {
+    "mends": _said(
+        "the components that it makes good again; asked for each, where no parameter is given", NAMES
+    ),
+    "cost": _said("about the seconds until its effect can be seen", {**ABOVE_0, "default": 2}),
+    "symptoms": _said(
+        "the kinds of symptom that it helps against; by default any",
+        {"type": ["array", "null"], "items": {"enum": list(keys.SYMPTOMS)}},
+    ),
+    "needs": _said("components that must be good before it is asked for", NAMES),
+    "restarts": _said("nodes that must restart after it", NAMES),
+    "starts": _said("whether it starts the nodes that it mends, which then need not run before", OFF),
+}
 TOP: Schema = {
     "robomend": _said("the version of this format", {"const": keys.FORMAT}),
     "name": _said("the robot model's name; default: the file's", TEXT),
@@ -185,6 +198,10 @@ TOP: Schema = {
     "inputs_matter": _said("what every node has that does not say it itself", OFF),
     "partial_failure": _said(
         "the probability that what fails does so in part only", {**PROBABILITY, "default": PARTIAL}
+    ),
+    "remedies": _said(
+        "acts besides restarts and power, `clear_costmap` or `set_mode(spiral, low)`, and what each mends",
+        _named(_entry(REMEDY, "mends"), listed=False),
     ),
 }
 

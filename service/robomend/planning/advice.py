@@ -147,6 +147,8 @@ class Situation:
         elsewhere = self._symptoms_of(name for name, its in kinds.items() if its and its <= OTHERS)
         topics = ", ".join(sorted({name for atom in elsewhere for name in atom.args}))
         seldom = bool(kinds) and all(its and its <= SELDOM for its in kinds.values())
+        meant = {str(one) for one in self.model.remedies if one.symptoms}  # others are not planned: unfit
+        seldom = seldom and not any(str(step) in meant for step in plan.steps)
         return Candidate(
             diagnosis,
             plan,
@@ -165,6 +167,22 @@ class Situation:
         suspects = {name for one in self.result.diagnoses for name in one.bad}
         kinds = {name: self._kinds(name) for name in suspects}
         return frozenset(n for n, its in kinds.items() if its <= OTHERS and Symptom.PUBLISHERS in its)
+
+    @property
+    def unfit(self) -> tuple[tuple[str, str], ...]:
+        """The remedies that are not for what is seen of what they mend, as text, each with the reason.
+
+        What nobody says the kind of counts as silence.
+        """
+        found = []
+        for one in self.model.remedies:
+            if one.symptoms:
+                kinds = {kind for name in one.mends for kind in self._kinds(name) or {None}}
+                seen = {str(kind or Symptom.SILENT) for kind in kinds}
+                if seen.isdisjoint(one.symptoms):
+                    shown, meant = ", ".join(sorted(seen)), ", ".join(one.symptoms)
+                    found.append((str(one), f"it is for {meant}, and what is seen is {shown}"))
+        return tuple(found)
 
     @property
     def lingering(self) -> frozenset[str]:

@@ -13,7 +13,7 @@ from robomend.model.components import ComponentModel
 from robomend.planning.domain.compilation import Compilation, compile_domain
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
-from robomend.planning.problem import repair_problem
+from robomend.planning.problem import MEND, repair_problem
 from robomend.planning.static_facts import Env, StaticFacts
 from robomend_client.near import did_you_mean
 
@@ -47,13 +47,15 @@ def check_domain(text: str, model: ComponentModel | None) -> Domain:
     return domain
 
 
-def check_names(what: str, names: Iterable[str], domain: Domain) -> None:
-    """Refuse (InputError) names that are no actions of the robot's domain."""
+def check_names(what: str, names: Iterable[str], domain: Domain, model: ComponentModel | None = None) -> None:
+    """Refuse (InputError) names that are neither actions of the robot's domain nor remedies of its model."""
+    remedies = () if model is None else (one.name for one in model.remedies)
+    known = dict.fromkeys((*(name for name in domain.schemas if name != MEND), *remedies))
     for name in names:
-        if name not in domain.schemas:
+        if name not in known:
             raise InputError(
-                f"{what}: the robot's domain has no action {name!r}{did_you_mean(name, domain.schemas)}; "
-                f"there are {', '.join(domain.schemas)}"
+                f"{what}: the robot's domain has no action {name!r}{did_you_mean(name, known)}; "
+                f"there are {', '.join(known)}"
             )
 
 

@@ -37,7 +37,7 @@ from robomend.planning.domain.formulas import Equal, Is, Negation, Typed
 from robomend.planning.domain.values import Domain, Schema
 from robomend.planning.policy import DARK, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS
-from robomend.planning.problem import Fact, RepairProblem
+from robomend.planning.problem import MEND, Fact, RepairProblem
 from robomend.planning.static_facts import UNBOUNDED, Env, StaticFacts, Work
 from robomend_client.literals import Atom, Literal
 
@@ -219,6 +219,7 @@ class Grounder:
 
     def instances(self, name: str, parameters: tuple[str, ...]) -> tuple[GroundAction, ...]:
         """Return a ground action: none if its static conditions fail, several for a disjunction."""
+        name, parameters = self.problem.as_pddl(name, parameters)
         for compilation in self._compiled:
             if compilation.schema.name == name and len(compilation.schema.parameters) == len(parameters):
                 return self._instances(compilation, parameters)
@@ -246,8 +247,11 @@ class Grounder:
         if typed and all(self._atom(guard, env, 1) for guard in compilation.guards):
             effects = self._effects(compilation, env)
             cost = schema.cost * self._factor(parameters)
+            act = schema.name, parameters
+            if schema.name == MEND:
+                act = self.problem.acts.get(parameters[0], act)
             found = tuple(
-                GroundAction(schema.name, parameters, cost, needs, effects)
+                GroundAction(*act, cost, needs, effects)
                 for needs in self._alternatives(compilation.rest, env)
             )
         self._made[key] = found
@@ -267,7 +271,7 @@ class Grounder:
     def _factor(self, parameters: tuple[str, ...]) -> float:
         """An action costs as its first component says."""
         for name in parameters:
-            if name in self.problem.components:
+            if name in self.problem.components or name in self.problem.acts:
                 return self.problem.costs.get(name, 1.0)
         return 1.0
 
@@ -338,6 +342,7 @@ class Grounder:
                 (number > 0 and predicate in DARK)
                 or (number < 0 and predicate in OBSERVED_FACTS)
                 or (number > 0 and predicate == "bad" and self._left_broken(name, action))
+                or (number > 0 and predicate in OBSERVED_FACTS and str(action) in problem.acts)  # restarts it
             ):
                 return problem.protected[name]
             if name in problem.excluded and predicate in DARK | OBSERVED_FACTS:

@@ -20,16 +20,18 @@ Static facts come from the model: `drives` and `tied` as written; `loses` of dri
 with; `hangs_on` of devices without channel: the nearest channels up the chain, with which they come back by
 themselves. `needs(n, m)` holds when something that n publishes rests on a topic of m, or n is tied to m.
 Cycles of topics are normal, so within a strongly connected component of `needs` there is no order to keep.
+A remedy of the model is an object, named as its act, `clear_costmap(planner)`; it rests on what its
+components drive, are fed by and need.
 Facts of predicates that the domain does not declare are left out, so one builder serves every domain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from robomend.errors import DomainError, UnknownComponent
-from robomend.model.components import KINDS, ComponentModel, Hardware, Node
+from robomend.model.components import KINDS, ComponentModel, Hardware, Node, Remedy
 from robomend.model.loops import strong_components
 from robomend.planning.domain.values import PAIRS, Declared, Domain
 from robomend.planning.offers import Offers
@@ -39,6 +41,12 @@ from robomend_client.near import did_you_mean
 
 Fact = tuple[str, ...]
 """A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
+
+REMEDY, MEND = "remedy", "mend"
+"""The type of what the model offers under `remedies`, and the action that all of it is to a planner."""
+
+REMEDY_COST = 2.0
+"""Of that action in pddl/repair.pddl."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,17 @@ class RepairProblem:
     avoided: Mapping[str, str] = field(default_factory=dict)  # ground action as text -> why it is not used
     forbidden: Mapping[str, str] = field(default_factory=dict)  # action by name -> why it is not used
     offers: Offers | None = None  # what agents say they can do; None: nobody knows
-    costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
+    costs: Mapping[str, float] = field(
+        default_factory=dict
+    )  # factor for actions on this component, or remedy
+    acts: Mapping[str, tuple[str, tuple[str, ...]]] = field(
+        default_factory=dict
+    )  # remedy -> what is asked for
+
+    def as_pddl(self, name: str, parameters: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+        """Return an act as the domain has it: that of a remedy is `mend(clear_costmap(planner))`."""
+        act = f"{name}({', '.join(parameters)})"
+        return (MEND, (act,)) if act in self.acts else (name, parameters)
 
 
 def repair_problem(
@@ -156,6 +174,14 @@ def repair_problem(
         for kind in KINDS
         for name in model.of(kind)
     }
+    remedies = {} if REMEDY not in domain.supertype else {str(one): one for one in model.remedies}
+    for act, remedy in remedies.items():
+        if remedy.name in domain.schemas:
+            raise DomainError(
+                f"{remedy.name!r} is a remedy of the model, and an action of its domain as well"
+            )
+        objects[act] = REMEDY
+        facts.update(_remedy_facts(model, act, remedy, needs, aside))
     _add_objects(objects, domain, known)
     _add_facts(facts, domain, objects)
     _add_observed(facts, domain, objects, seen)
@@ -175,7 +201,11 @@ def repair_problem(
         avoided=dict(avoided),
         forbidden=dict(forbidden),
         offers=offers,
-        costs={name: part.cost for name, part in parts.items() if part.cost is not None},
+        costs={
+            **{name: part.cost for name, part in parts.items() if part.cost is not None},
+            **{act: _factor(model, remedy) for act, remedy in remedies.items()},
+        },
+        acts={act: (remedy.name, remedy.parameters) for act, remedy in remedies.items()},
     )
 
 
@@ -197,6 +227,35 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
         for other in others
         if cluster[name] != cluster[other]
     )
+
+
+def _remedy_facts(
+    model: ComponentModel,
+    act: str,
+    remedy: Remedy,
+    needs: Collection[tuple[str, str]],
+    aside: Collection[str],
+) -> Iterator[Fact]:
+    """Yield what the domain must know of a remedy."""
+    rests_on = set(remedy.needs)
+    for name in remedy.mends:
+        yield "mends", act, name
+        if (node := model.nodes.get(name)) is not None:
+            yield "begins" if remedy.starts else "asks", act, name
+            rests_on.update(node.drives, (other for one, other in needs if one == name))
+        elif name in model.hardware:
+            rests_on.update(model.feeders(name))
+    for name in rests_on.difference(remedy.mends, aside):
+        yield "rests_on", act, name
+    for name in remedy.restarts:
+        yield "upsets", act, name
+
+
+def _factor(model: ComponentModel, remedy: Remedy) -> float:
+    """Return how many times the domain's cost it has: its own, or else as its component says."""
+    if remedy.cost is not None:
+        return remedy.cost / REMEDY_COST
+    return model.parts[remedy.mends[0]].cost or 1.0
 
 
 def _dragged_along(model: ComponentModel, bad: frozenset[str]) -> frozenset[str]:

@@ -89,6 +89,7 @@ def validate(
     world = _World(domain, problem)
     for position, (name, parameters) in enumerate(plan):
         text = f"{name}({', '.join(parameters)})"
+        name, parameters = problem.as_pddl(name, parameters)
         schema = domain.schemas[name]
         for (variable, kind), value in zip(schema.parameters, parameters, strict=True):
             if not domain.is_a(problem.objects[value], kind):

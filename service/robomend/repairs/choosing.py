@@ -89,8 +89,8 @@ class Chooser:
         return known[2]
 
     async def actions(self, state: Robot) -> tuple[str, ...]:
-        """Return the action names of the robot's repair domain."""
-        return await self._readers.actions(state.config.domain)
+        """Return the names of what may be done to the robot."""
+        return await self._readers.actions(state.config.domain, state.system.parts)
 
     def not_idempotent(self, state: Robot, actions: Iterable[str]) -> frozenset[str]:
         """Return those of the actions that must not be sent twice: the user's own, unless they say
@@ -221,7 +221,7 @@ class Chooser:
                 if name in parts.components and name not in left_off
             ),
             protected=protected_of(state.config, parts),
-            avoided=avoided,
+            avoided=(*avoided, *situation.unfit),
             lingering=tuple(sorted({*lingering, *situation.lingering})),
             offers=await offers_if_all(state, parts, names, self._store),
             pddl=pddl,

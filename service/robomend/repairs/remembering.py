@@ -10,7 +10,7 @@ from typing import Any
 from robomend.planning.choice import Choice
 from robomend.planning.cures import once
 from robomend.planning.plan import Plan
-from robomend.planning.policy import HOUR_NS
+from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt
 from robomend.repairs.execution_values import Ending, Execution, StepReport
@@ -180,7 +180,8 @@ def set_aside(robot: str, found: Mapping[str, Quarantined], now_ns: int, last: s
 
 
 def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
-    """Return the actions that were done and should have made a component of the diagnosis good.
+    """Return the actions that were done and should have made a component of the diagnosis good, and those of
+    one's own that were asked for and answered that they failed.
 
     Where they did not help, another way is planned before the same is done again.
     """
@@ -188,7 +189,9 @@ def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
     return [
         str(report.step)
         for report in reports
-        if report.result is not None and report.result.ok and cures & set(report.step.effects)
+        if report.result is not None
+        and (report.result.ok or report.step.name not in POWER_ACTIONS | NODE_ACTIONS)
+        and cures & set(report.step.effects)
     ]
 
 

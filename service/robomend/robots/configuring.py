@@ -103,8 +103,8 @@ def check_actions(
         DomainError, InputError: name the place and the remedy.
     """
     found = load_domain() if domain is None else check_domain(domain, parts)
-    check_names("allow", allow, found)
-    check_names("actions", actions, found)
+    check_names("allow", allow, found, parts)
+    check_names("actions", actions, found, parts)
 
 
 def names_checked(config: RobotConfig, system: System) -> Iterator[None]:

@@ -28,6 +28,7 @@ from robomend.memory_limits import memory_unlimited
 from robomend.model.budget import check_steps
 from robomend.model.checking import contradictory, unblamable
 from robomend.model.clauses import Assertion
+from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.model.packed import packed, packed_assertion
 from robomend.model.system import System
@@ -35,6 +36,7 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown, read, read_assertion
 from robomend.oneshots.question import PackedQuestion, supposing, together
 from robomend.planning.domain.loading import load_domain
+from robomend.planning.problem import MEND
 from robomend.settings import Settings
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
@@ -185,8 +187,15 @@ class Readers:
                     read_sentence, key, vocabulary, name, sentence, unknown, most, timeout_s=timeout_s
                 )
 
-    async def actions(self, domain: str | None) -> tuple[str, ...]:
-        """Return the names of the actions of a robot's repair domain; DomainError if it is none."""
+    async def actions(self, domain: str | None, parts: ComponentModel | None) -> tuple[str, ...]:
+        """Return the names of what may be done to a robot: the actions of its repair domain, and its model's
+        remedies; DomainError if it is no domain.
+        """
+        found = await self._actions_of(domain)
+        remedies = () if parts is None or MEND not in found else (one.name for one in parts.remedies)
+        return tuple(dict.fromkeys((*(name for name in found if name != MEND), *remedies)))
+
+    async def _actions_of(self, domain: str | None) -> tuple[str, ...]:
         if domain is None or not domain.strip():
             return action_names(None)  # the one that is shipped, read once
         key = domain

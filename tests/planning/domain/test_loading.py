@@ -27,6 +27,11 @@ def test_without_a_text_of_the_user_the_shipped_domain_is_meant() -> None:
     assert domain.static == {
         "switchable",
         "restartable",
+        "mends",
+        "asks",
+        "begins",
+        "rests_on",
+        "upsets",
         "drives",
         "loses",
         "fed_by",

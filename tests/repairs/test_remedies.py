@@ -1,0 +1,118 @@
+"""Remedies of the model in a real service: chosen by symptom, awaited in OBS, followed by another act."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.repairs.robot import CONFIG, MODEL, Robot, nothing_begins, robot_on, service, the_repair
+
+from robomend.api.runtime import Runtime
+from robomend.errors import InputError
+from robomend_client.actions import FAILED
+from robomend_client.readings import Symptom
+
+pytestmark = pytest.mark.anyio
+
+RESTART = ["stop_node(mapping)", "start_node(mapping)"]
+QUICK = {"timeout_s": 20.0, "effect_timeout_s": 1.0, "retries": 0}
+
+
+@asynccontextmanager
+async def mapping_robot(runtime: Runtime, remedies: str, **changes: Any) -> AsyncIterator[Robot]:
+    """A robot whose map can be mended by asking, with the act `clear`."""
+    model = f"{MODEL}remedies:\n{remedies}\n".replace("name: small", "name: mended")
+    await runtime.robots.models.put("mended", model, format=None, expected=None, by="test")
+    actions = {**CONFIG["actions"], "clear": QUICK}
+    async with robot_on(runtime, **{"model": "mended", "actions": actions, **changes}) as robot:
+        robot.spoil = clears
+        await robot.settled()
+        yield robot
+
+
+async def clears(robot: Robot, name: str, parameter: str) -> int | None:
+    if name == "clear":
+        robot.broken_topics.discard("map")
+    return None
+
+
+async def test_a_remedy_is_asked_for_and_its_effect_is_seen(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, mapping_robot(runtime, "  clear: {mends: mapping}") as robot:
+        robot.broken_topics.add("map")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done == ["clear(mapping)"]
+    (step,) = repair["rounds"][0]["plan"]
+    assert step["text"] == "clear(mapping)"
+    assert "ok(map)" in step["seen"]
+
+
+@pytest.mark.parametrize("answers", [0, FAILED])
+async def test_one_that_does_not_help_or_is_refused_gives_way_to_the_restart(
+    answers: int, tmp_path: Path
+) -> None:
+    async def only_a_restart(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "start_node":
+            robot.broken_topics.discard("map")
+        return answers if name == "clear" else None
+
+    async with service(tmp_path) as runtime, mapping_robot(runtime, "  clear: {mends: mapping}") as robot:
+        robot.spoil = only_a_restart
+        robot.broken_topics.add("map")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done == ["clear(mapping)", *RESTART]
+
+
+async def test_the_kind_of_symptom_chooses_it(tmp_path: Path) -> None:
+    remedies = "  clear: {mends: mapping, symptoms: [still]}"
+    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies) as robot:
+
+        async def either(robot: Robot, name: str, parameter: str) -> int | None:
+            robot.broken_topics.discard("map")
+            return None
+
+        robot.spoil = either
+        robot.broken_topics.add("map")
+        assert (await the_repair(runtime))["state"] == "repaired"
+        assert robot.done == RESTART
+        robot.kinds["ok(map)"] = Symptom.STILL
+        robot.broken_topics.add("map")
+        await robot.settled()
+        before = (await the_repair(runtime, ended=True))["id"]
+        while (repair := await the_repair(runtime))["id"] == before:
+            await robot.settled()
+    assert repair["state"] == "repaired"
+    assert robot.done == [*RESTART, "clear(mapping)"]
+
+
+async def test_what_the_allow_list_lacks_or_the_policy_forbids_is_not_asked_for(tmp_path: Path) -> None:
+    remedies = "  clear: {mends: mapping}"
+    allow = ["start_node", "stop_node"]
+    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies, allow=allow) as robot:
+        robot.broken_topics.add("map")
+        robot.spoil = None
+
+        async def either(robot: Robot, name: str, parameter: str) -> int | None:
+            robot.broken_topics.discard("map")
+            return None
+
+        robot.spoil = either
+        await the_repair(runtime)
+        assert robot.done == RESTART
+        with pytest.raises(InputError, match="no action 'cleer'"):
+            await runtime.robots.put_robot(
+                "r2", {**CONFIG, "model": "mended", "allow": ["cleer"]}, expected=None, by="test"
+            )
+
+
+async def test_nothing_is_asked_for_under_observe(tmp_path: Path) -> None:
+    remedies = "  clear: {mends: mapping}"
+    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies, policy="observe") as robot:
+        robot.broken_topics.add("map")
+        await robot.settled()
+        await nothing_begins(runtime)
+    assert robot.done == []
