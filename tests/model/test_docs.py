@@ -8,12 +8,14 @@ import pytest
 
 from robomend.model.compiling import vocabulary_of
 from robomend.model.component_yaml import (
+    FUNCTION_KEYS,
     HARDWARE_KEYS,
     MODEL_KEYS,
     NODE_KEYS,
     PROPERTY_KEYS,
     TOPIC_KEYS,
     VALUE_KEYS,
+    VARIANT_KEYS,
 )
 from robomend.model.components import ComponentModel
 from robomend.model.five_key import KEYS
@@ -24,7 +26,19 @@ EMPTY = vocabulary_of(ComponentModel("r", {}, {}, {}))
 
 @pytest.mark.parametrize(
     "key",
-    sorted({*MODEL_KEYS, *HARDWARE_KEYS, *NODE_KEYS, *TOPIC_KEYS, *PROPERTY_KEYS, *VALUE_KEYS, *KEYS}),
+    sorted(
+        {
+            *MODEL_KEYS,
+            *HARDWARE_KEYS,
+            *NODE_KEYS,
+            *TOPIC_KEYS,
+            *PROPERTY_KEYS,
+            *VALUE_KEYS,
+            *FUNCTION_KEYS,
+            *VARIANT_KEYS,
+            *KEYS,
+        }
+    ),
 )
 def test_every_key_is_documented(key: str) -> None:
     assert f"`{key}`" in PAGE
