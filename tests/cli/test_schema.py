@@ -16,7 +16,7 @@ from jsonschema_rs import Draft202012Validator
 from tests.blocks import BLOCKS, ROOT, Block
 from tests.clients import test_agent_config, test_agent_executors
 from tests.clients.observers import test_kinds
-from tests.model import test_component_yaml
+from tests.model import test_component_yaml, test_functions
 
 from robomend.cli.commands import cli
 from robomend.cli.robot_file import read_robot
@@ -74,6 +74,7 @@ def test_the_agents_files_of_the_manual_have_their_schema(block: Block, tmp_path
     ("file", "text"),
     [
         ("model", test_component_yaml.FULL),
+        ("model", test_functions.ROBOT),
         ("model", "robomend: 1\nnodes: [a, b]\nhardware:\n"),
         ("model", "robomend: 1\nnodes:\n  a:\n  on: {drives: off, publishes: [t]}\nhardware: {off: {}}\n"),
         ("model", "ab: AB\nnab: NAB\nneg_prefix: not_\nprops: [p]\nrules: ['NAB(x),p->q']\n"),
@@ -220,8 +221,11 @@ def test_the_schema_of_a_model_has_the_readers_keys_no_more_and_no_fewer() -> No
         "properties": component_yaml.PROPERTY_KEYS,
         "values": component_yaml.VALUE_KEYS,
         "remedies": component_yaml.REMEDY_KEYS,
+        "functions": component_yaml.FUNCTION_KEYS,
     }.items():
         assert tuple(sections[section]["additionalProperties"]["properties"]) == known
+    variants = sections["functions"]["additionalProperties"]["properties"]["variants"]
+    assert tuple(variants["additionalProperties"]["properties"]) == component_yaml.VARIANT_KEYS
 
 
 def keys_of(schema: dict[str, Any], place: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -8,6 +8,7 @@ import pytest
 
 from robomend.model.compiling import vocabulary_of
 from robomend.model.component_yaml import (
+    FUNCTION_KEYS,
     HARDWARE_KEYS,
     MODEL_KEYS,
     NODE_KEYS,
@@ -15,6 +16,7 @@ from robomend.model.component_yaml import (
     REMEDY_KEYS,
     TOPIC_KEYS,
     VALUE_KEYS,
+    VARIANT_KEYS,
 )
 from robomend.model.components import ComponentModel
 from robomend.model.five_key import KEYS
@@ -34,6 +36,8 @@ EMPTY = vocabulary_of(ComponentModel("r", {}, {}, {}))
             *PROPERTY_KEYS,
             *REMEDY_KEYS,
             *VALUE_KEYS,
+            *FUNCTION_KEYS,
+            *VARIANT_KEYS,
             *KEYS,
         }
     ),

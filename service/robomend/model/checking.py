@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pysat.solvers import Solver
 
 from robomend.model.components import Node
+from robomend.model.functions import needs_of
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
 from robomend_client.counts import counted
@@ -25,6 +26,7 @@ def check(system: System) -> tuple[str, ...]:
         *coarse(system),
         *unused(system),
         *self_locking(system),
+        *without_alternative(system),
         *partial_priors(system),
     )
 
@@ -217,6 +219,26 @@ def self_locking(system: System) -> Iterator[str]:
                 f"act_when speaks of {atom}: while {' or '.join(by)} is broken or being repaired it may not "
                 "be observed, and then nothing is sent; observe it by other means"
             )
+
+
+def without_alternative(system: System) -> Iterator[str]:
+    """Functions of which one component's fault leaves no variant."""
+    model = system.parts
+    if model is None:
+        return
+    for function in model.functions.values():
+        needed = [
+            frozenset(need.component for need in needs_of(variant, model) if need.component is not None)
+            for variant in function.variants.values()
+        ]
+        shared = sorted(frozenset.intersection(*needed))
+        if shared:
+            yield (
+                f"function {function.name}: every variant needs {', '.join(shared[:SHOWN])}; without it none "
+                "is left"
+            )
+        if len(function.variants) > 1 and not any(variant.do for variant in function.variants.values()):
+            yield f"function {function.name}: no variant has acts (`do:`), so that nothing can change it"
 
 
 def partial_priors(system: System) -> Iterator[str]:

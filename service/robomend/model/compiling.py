@@ -11,6 +11,7 @@ from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
 from robomend.model.components import KINDS, ComponentModel
 from robomend.model.formulas import AB, Formula
+from robomend.model.functions import check_functions, condition, read_comparisons, with_compared
 from robomend.model.interlock import Interlock
 from robomend.model.loops import loops_of
 from robomend.model.rules import Sentence, read_rules
@@ -53,14 +54,36 @@ def compile_robot(
         for text in texts
     ]
     act_when = [] if model.act_when is None else [Sentence(model.act_when, "act_when", model.act_when_line)]
+    variants = [
+        (function.name, variant)
+        for function in model.functions.values()
+        for variant in function.variants.values()
+        if variant.when is not None
+    ]
+    known = vocabulary_of(model)
+    whens = [
+        Sentence(
+            read_comparisons(one.when or "", known, f"when of {function}.{one.name}", file, one.when_line),
+            f"when of {function}.{one.name}",
+            one.when_line,
+        )
+        for function, one in variants
+    ]
     formulas, vocabulary, warnings = read_rules(
-        [*rules, *(sentence for _, _, sentence in mode_sentences), *act_when],
-        vocabulary_of(model),
+        [*rules, *(sentence for _, _, sentence in mode_sentences), *whens, *act_when],
+        known,
         file,
         most,
         spent,
     )
     _check_kinds(model, vocabulary, file)
+    first = len(rules) + len(mode_sentences)
+    conditions = {
+        (function, one.name): condition(formula, sentence, file)
+        for (function, one), sentence, formula in zip(variants, whens, formulas[first:], strict=False)
+    }
+    vocabulary, compared = with_compared(vocabulary)
+    check_functions(model, conditions, file)
     user = [
         (formula, Rule(rule.text, f"user rule {number}", rule.line))
         for number, (formula, rule) in enumerate(zip(formulas, rules, strict=False), start=1)
@@ -97,9 +120,10 @@ def compile_robot(
         cnf=cnf,
         parts=model,
         vocabulary=vocabulary,
-        warnings=(*doubtful(model), *warnings),
+        warnings=(*doubtful(model), *warnings, *compared),
         act_when=_interlock(model, formulas[-1], file) if act_when else None,
         loops=loops_of(model),
+        conditions=conditions,
     )
 
 
@@ -166,6 +190,9 @@ def vocabulary_of(model: ComponentModel) -> Vocabulary:
             ),
             "carries": frozenset((value.topic, value.name) for value in model.values.values()),
         },
+        variants=frozenset(
+            (function.name, variant) for function in model.functions.values() for variant in function.variants
+        ),
     )
 
 

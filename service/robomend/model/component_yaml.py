@@ -13,21 +13,26 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import fields
 from typing import Any, NoReturn, TypeVar
 
-from robomend.errors import ModelError
+from robomend.errors import ModelError, ObservationError
 from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import PARTIAL
 from robomend.model.component_checks import Checks, near, shown
 from robomend.model.components import (
+    CHANGES_PER_HOUR,
+    DWELL_S,
     KINDS,
     Component,
     ComponentModel,
+    Criticality,
+    Function,
     Hardware,
     Node,
     Remedy,
     Topic,
     Value,
+    Variant,
 )
-from robomend.model.sentences import plain
+from robomend.model.sentences import plain, tokens
 from robomend_client import yaml_tree
 from robomend_client.readings import Symptom
 from robomend_client.yaml_tree import Scalar, Sequence, Tree
@@ -35,10 +40,10 @@ from robomend_client.yaml_tree import Scalar, Sequence, Tree
 OTHER_KINDS = KINDS[2:]
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", *(kind.section for kind in KINDS), "topics",
-    "properties", "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
-    "partial_failure", "remedies",
+    "properties", "values", "related", "rules", "functions", "remedies", "act_when", "blame_hardware",
+    "inputs_matter", "partial_failure",
 )  # fmt: skip
-PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
+PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected", "criticality")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
 NODE_KEYS = (
     "drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", "reconnects", *PART_KEYS,
@@ -47,10 +52,12 @@ TOPIC_KEYS = ("rate_hz", "tolerance_hz", "silent", "latched", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
 REMEDY_KEYS = ("mends", "cost", "symptoms", "needs", "restarts", "starts")
-ACT = re.compile(r"([A-Za-z_][\w-]*)(?:\(([^()]*)\))?\Z")
-"""`clear_costmap`, of each component that it mends; or `set_mode(spiral, low)`, as it is."""
-
 SYMPTOMS = tuple(str(one) for one in Symptom)
+FUNCTION_KEYS = ("prefer", "variants", "dwell_s", "adapt", "changes_per_hour", "criticality", "notify")
+VARIANT_KEYS = ("when", "needs", "do")
+ADAPT = ("observe", "approve", "auto")
+ACT = re.compile(r"x(\((x(,x)*)?\))?")
+"""An act, each of its words an x."""
 
 COMMON_FIELDS = frozenset(one.name for one in fields(Component))
 
@@ -143,6 +150,9 @@ class _Reader:
             others=others,
             partial_failure=self.optional(top, "partial_failure", self.probability) or PARTIAL,
             remedies=tuple(self.remedies(top)),
+            functions={
+                key: self.function(key, entry, line) for key, entry, line in self.named(top, "functions")
+            },
         )
         if not model.components:
             sections = " or ".join(f"`{kind.section}:`" for kind in KINDS)
@@ -211,8 +221,88 @@ class _Reader:
             "modes": self.optional(entry, "modes", self.modes) or {},
             "exhaustive_modes": self.optional(entry, "exhaustive_modes", self.flag) or False,
             "host": self.optional(entry, "host", self.name),
+            "criticality": self.criticality(entry),
             "line": line,
         }
+
+    def criticality(self, entry: yaml_tree.Mapping) -> Criticality:
+        said = self.optional(entry, "criticality", self.one_of(tuple(Criticality)))
+        return Criticality.NORMAL if said is None else Criticality(said)
+
+    def function(self, name: str, tree: Tree, line: int) -> Function:
+        entry = self.mapping(tree, f"function {name}", FUNCTION_KEYS)
+        variants = {
+            key: self.variant(name, key, one, place) for key, one, place in self.named(entry, "variants")
+        }
+        if not variants:
+            self.fail(f"function {name} needs `variants:`, at least one", line)
+        prefer = self.optional(entry, "prefer", self.names) or tuple(variants)
+        for key in prefer:
+            if key not in variants:
+                self.fail(
+                    f"function {name} has no variant {shown(key)}{near(key, variants)}", entry.lines["prefer"]
+                )
+        left = [key for key in variants if key not in prefer]
+        if left:
+            self.fail(
+                f"function {name}: `prefer` does not name {', '.join(left)}; it lists all variants, the best "
+                "first",
+                entry.lines["prefer"],
+            )
+        dwell_s = self.optional(entry, "dwell_s", self.seconds)
+        most = self.optional(entry, "changes_per_hour", self.whole(1, MAX_WHOLE))
+        return Function(
+            name,
+            {key: variants[key] for key in prefer},
+            DWELL_S if dwell_s is None else dwell_s,
+            self.optional(entry, "adapt", self.one_of(ADAPT)),
+            CHANGES_PER_HOUR if most is None else most,
+            self.criticality(entry),
+            self.optional(entry, "notify", self.flag) or False,
+            line,
+        )
+
+    def variant(self, function: str, name: str, tree: Tree, line: int) -> Variant:
+        entry = self.mapping(tree, f"variant {name} of {function}", VARIANT_KEYS)
+        when = self.optional(entry, "when", self.with_line)
+        return Variant(
+            name,
+            None if when is None else when[0],
+            self.optional(entry, "needs", self.names) or (),
+            self.optional(entry, "do", self.list_of(self.act)) or (),
+            line,
+            None if when is None else when[1],
+        )
+
+    def act(self, tree: Tree) -> tuple[str, tuple[str, ...]]:
+        """Return the name and the parameters of an act, which is written like an observation."""
+        return self.act_of(
+            self.scalar(tree, 'an act in quotes, e.g. "set_mode(spiral, high)"').text, tree.line
+        )
+
+    def act_of(self, text: str, line: int) -> tuple[str, tuple[str, ...]]:
+        """Return the name and the parameters of an act as it is written."""
+        try:
+            *read, _ = tokens(text)
+        except ObservationError as error:
+            self.fail(f"{shown(text)} is no act: {error}", line)
+        marks = "".join(one.text if one.kind in {"(", ",", ")"} else "x" for one in read)
+        words = tuple(one.text for one in read if one.kind not in {"(", ",", ")"})
+        if not ACT.fullmatch(marks) or not all(words):
+            self.fail(
+                f"{shown(text)} is no act: that is a name with its parameters, e.g. set_mode(spiral, high)",
+                line,
+            )
+        return words[0], words[1:]
+
+    def one_of(self, words: tuple[str, ...]) -> Callable[[Tree], str]:
+        def reader(tree: Tree) -> str:
+            text = self.scalar(tree, f"one of {', '.join(words)}").text
+            if text not in words:
+                self.fail(f"expected one of {', '.join(words)}, not {shown(text)}", tree.line)
+            return text
+
+        return reader
 
     def topic(self, name: str, tree: Tree) -> Topic:
         entry = self.mapping(tree, f"topic {name}", TOPIC_KEYS)
@@ -234,13 +324,7 @@ class _Reader:
 
     def remedies(self, top: yaml_tree.Mapping) -> Iterator[Remedy]:
         for key, tree, line in self.named(top, "remedies"):
-            found = ACT.match(key)
-            if found is None:
-                self.fail(
-                    f"a remedy is named as the act that is asked for, `clear_costmap` or "
-                    f"`set_mode(spiral, low)`, not {shown(key)}",
-                    line,
-                )
+            name, parameters = self.act_of(key, line)
             entry = self.mapping(tree, f"remedy {key}", REMEDY_KEYS)
             mends = self.optional(entry, "mends", self.names)
             if not mends:
@@ -253,7 +337,6 @@ class _Reader:
                         f"{', '.join(SYMPTOMS)}",
                         entry.items["symptoms"].line,
                     )
-            name, given = found[1], found[2]
             more: dict[str, Any] = {
                 "cost": self.optional(entry, "cost", self.number(0)),
                 "symptoms": symptoms,
@@ -262,10 +345,9 @@ class _Reader:
                 "starts": self.optional(entry, "starts", self.flag) or False,
                 "line": line,
             }
-            if given is None:
+            if "(" not in key:
                 yield from (Remedy(name, (each,), (each,), **more) for each in mends)
             else:
-                parameters = tuple(each.strip() for each in given.split(",")) if given.strip() else ()
                 yield Remedy(name, parameters, mends, **more)
 
     def modes(self, tree: Tree) -> dict[str, tuple[str, ...]]:

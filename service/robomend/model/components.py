@@ -16,10 +16,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
+from enum import StrEnum
 from typing import ClassVar
 
 from robomend.model.cnf import PARTIAL
 from robomend_client.literals import Literal, holds
+
+
+class Criticality(StrEnum):
+    """How much the robot needs something; from most to least."""
+
+    ESSENTIAL = "essential"
+    NORMAL = "normal"
+    OPTIONAL = "optional"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +49,7 @@ class Component:
     """Fault mode -> sentences that hold in it."""
     exhaustive_modes: bool = False  # no other way to fail than these modes
     host: str | None = None  # the computer that it runs on or hangs on
+    criticality: Criticality = Criticality.NORMAL
     line: int | None = None
 
     def clauses(self) -> Iterable[tuple[Iterable[Literal], Literal]]:
@@ -124,6 +134,36 @@ class Remedy:
         return f"{self.name}({', '.join(self.parameters)})"
 
 
+DWELL_S = 5.0
+CHANGES_PER_HOUR = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One way in which a function of the robot can work."""
+
+    name: str
+    when: str | None = None  # a sentence that OBS must show; may compare readings: `visibility >= 3.25 ± 0.1`
+    needs: tuple[str, ...] = ()  # components, functions, or one variant of a function as `function.variant`
+    do: tuple[tuple[str, tuple[str, ...]], ...] = ()  # acts that make it active, in order: name, parameters
+    line: int | None = None
+    when_line: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """What the robot does in one of several variants; which one is active is observed."""
+
+    name: str
+    variants: Mapping[str, Variant]  # the preferred first
+    dwell_s: float = DWELL_S  # a better variant must be admissible for so long before it is changed to
+    adapt: str | None = None  # observe, approve or auto; None: the robot's policy
+    changes_per_hour: int = CHANGES_PER_HOUR  # then it stays with the safer one
+    criticality: Criticality = Criticality.NORMAL
+    notify: bool = False  # whether people are told of changes
+    line: int | None = None
+
+
 @dataclass(frozen=True)
 class ComponentModel:
     """A robot: hardware, nodes, topics, and the user's own rules."""
@@ -145,6 +185,7 @@ class ComponentModel:
     others: Mapping[str, Mapping[str, Component]] = field(default_factory=dict)  # section -> of other kinds
     partial_failure: float = PARTIAL  # P(a component that fails does so in part only), for weighing
     remedies: tuple[Remedy, ...] = ()  # besides restarts and power
+    functions: Mapping[str, Function] = field(default_factory=dict)
 
     @property
     def components(self) -> tuple[str, ...]:

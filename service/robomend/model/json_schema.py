@@ -12,7 +12,14 @@ from typing import Any
 from robomend.model import component_yaml as keys
 from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import PARTIAL
-from robomend.model.components import Component, Hardware, Node
+from robomend.model.components import (
+    CHANGES_PER_HOUR,
+    DWELL_S,
+    Component,
+    Criticality,
+    Hardware,
+    Node,
+)
 from robomend.model.five_key import KEYS as FIVE_KEYS
 from robomend_client.docstrings import documented
 from robomend_client.yaml_schema import DRAFT
@@ -111,6 +118,7 @@ MODES: Schema = {
     "propertyNames": {**KEY_NAME, "not": {"const": UNKNOWN_MODE}},
     "additionalProperties": SENTENCES,
 }
+CRITICALITY: Schema = {"enum": [*map(str, Criticality), None], "default": str(Criticality.NORMAL)}
 PART: Schema = {
     "prior": _said("the probability that it is abnormal, above 0 and below 1", PROBABILITY),
     "cost": _said("a factor on what the domain says that actions on it cost", {**ABOVE_0, "default": 1}),
@@ -121,6 +129,7 @@ PART: Schema = {
         {**NAME, "type": [*SCALAR, "null"]},
     ),
     "protected": _said("whether nothing may shut it down or stop it, nor what it cannot do without", OFF),
+    "criticality": _said("how much the robot needs it", CRITICALITY),
 }
 HARDWARE: Schema = {
     "channel": _said(
@@ -169,6 +178,31 @@ REMEDY: Schema = {
     "restarts": _said("nodes that must restart after it", NAMES),
     "starts": _said("whether it starts the nodes that it mends, which then need not run before", OFF),
 }
+VARIANT: Schema = {
+    "when": _said('what OBS must show, e.g. "visibility >= 3.25 ± 0.1 and ok(image)"', TEXT),
+    "needs": _said("components, functions or one variant of a function (function.variant)", NAMES),
+    "do": _said('the acts that make it active, e.g. ["set_mode(spiral, high)"]', SENTENCES),
+}
+FUNCTION: Schema = {
+    "prefer": _said("all variants, the best first; default: as they are written", NAMES),
+    "variants": _said("the ways in which it may work", _named(_entry(VARIANT))),
+    "dwell_s": _said(
+        "how long a better variant must be admissible before it is changed to, in seconds",
+        {**SECONDS, "default": DWELL_S},
+    ),
+    "adapt": _said("who decides on a change; default: the robot's policy", {"enum": [*keys.ADAPT, None]}),
+    "changes_per_hour": _said(
+        "after so many changes in an hour it stays with the safer variant",
+        {
+            "type": ["integer", "null"],
+            "minimum": 1,
+            "maximum": keys.MAX_WHOLE,
+            "default": CHANGES_PER_HOUR,
+        },
+    ),
+    "criticality": PART["criticality"],
+    "notify": _said("whether people are told of changes", OFF),
+}
 TOP: Schema = {
     "robomend": _said("the version of this format", {"const": keys.FORMAT}),
     "name": _said("the robot model's name; default: the file's", TEXT),
@@ -193,15 +227,18 @@ TOP: Schema = {
         },
     ),
     "rules": _said('your own, e.g. "not ok(temp) -> ab(mapper)"', SENTENCES),
+    "functions": _said(
+        "what the robot does in one of several variants", _named(_entry(FUNCTION, "variants"), listed=False)
+    ),
+    "remedies": _said(
+        "acts besides restarts and power, `clear_costmap` or `set_mode(spiral, low)`, and what each mends",
+        _named(_entry(REMEDY, "mends"), listed=False),
+    ),
     "act_when": _said("nothing is sent to the robot unless this sentence is observed", TEXT),
     "blame_hardware": _said("what every device has that does not say it itself", OFF),
     "inputs_matter": _said("what every node has that does not say it itself", OFF),
     "partial_failure": _said(
         "the probability that what fails does so in part only", {**PROBABILITY, "default": PARTIAL}
-    ),
-    "remedies": _said(
-        "acts besides restarts and power, `clear_costmap` or `set_mode(spiral, low)`, and what each mends",
-        _named(_entry(REMEDY, "mends"), listed=False),
     ),
 }
 

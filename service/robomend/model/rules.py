@@ -9,7 +9,7 @@ they speak of is declared by that: new predicates, and new names of `ok`. A name
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from robomend.errors import ModelError, ObservationError, UnknownComponent
@@ -152,9 +152,7 @@ def _declared(formulas: Iterable[Formula], vocabulary: Vocabulary) -> Vocabulary
 
 
 def _with_atoms(vocabulary: Vocabulary, atoms: frozenset[Atom]) -> Vocabulary:
-    return Vocabulary(
-        vocabulary.sorts, vocabulary.predicates, atoms, vocabulary.relations, vocabulary.negative_prefix
-    )
+    return replace(vocabulary, atoms=atoms)
 
 
 def _in_place(rule: Sentence, file: str | None, function: Callable[..., T], *arguments: object) -> T:

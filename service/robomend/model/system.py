@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from robomend.errors import UnknownComponent
 from robomend.model.clauses import Assertion
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
+from robomend.model.formulas import Formula
 from robomend.model.interlock import Interlock
 from robomend.model.loops import Loop
 from robomend.model.packed import supposed
@@ -35,6 +36,8 @@ class System:
     warnings: tuple[str, ...] = ()
     act_when: Interlock | None = None  # None: actions may be sent at any time
     loops: tuple[Loop, ...] = ()  # its topics that need each other in circles
+    conditions: Mapping[tuple[str, str], Formula] = field(default_factory=dict)
+    """(function, variant) -> its `when`, ground, with comparisons of readings (robomend.model.functions)."""
 
     @cached_property
     def outside(self) -> tuple[Atom, ...]:

@@ -30,6 +30,11 @@ SYMMETRIC = frozenset({"matched"})
 SPELLINGS = {"con": "const", "cons": "const"}
 """The trend word of the released observer and of the released model, and the paper's."""
 
+ACTIVE = "active"
+"""active(f, v): the function f works by its variant v now; only of models that have functions."""
+
+HAS_VARIANT = "has_variant"
+
 DECIDED = frozenset({"ab", "AB", "nab", "NAB"})
 """What a diagnosis decides, so no observation says it."""
 
@@ -76,6 +81,8 @@ class Vocabulary:
         """Return whether observations may speak of this atom (in its canonical spelling)."""
         if atom in self.atoms:
             return True
+        if atom.predicate == ACTIVE and ACTIVE in self.predicates:
+            return atom.args in self.relations[HAS_VARIANT]
         members = self._members
         for signature in self.predicates.get(atom.predicate, ()):
             if len(signature) == len(atom.args) and all(
@@ -177,6 +184,8 @@ _SINGULAR = {
     "switchable": "switchable device",
     "node_resources": "resource",
     "channel_readings": "reading",
+    "functions": "function",
+    "variants": "variant",
     "nets": "net",
 }
 
@@ -196,6 +205,7 @@ def for_robot(
     values: tuple[str, ...] = (),
     atoms: frozenset[Atom] = frozenset(),
     relations: Mapping[str, frozenset[tuple[str, ...]]] | None = None,
+    variants: frozenset[tuple[str, str]] = frozenset(),
 ) -> Vocabulary:
     """Return the vocabulary of a component model (design, section 4).
 
@@ -205,8 +215,18 @@ def for_robot(
 
     Args:
         components: (sort, predicate of the state) of each kind -> its components, in the order of COMPS.
+        variants: (function, variant) of each variant of the model's functions.
     """
     kinds = components or {}
+    sorts: dict[str, tuple[str, ...]] = {}
+    predicates: dict[str, tuple[Signature, ...]] = {}
+    if variants:
+        sorts = {
+            "functions": tuple(sorted({function for function, _ in variants})),
+            "variants": tuple(sorted({variant for _, variant in variants})),
+        }
+        predicates = {ACTIVE: (("functions", "variants"),)}
+        relations = {**(relations or {}), HAS_VARIANT: variants}
     return Vocabulary(
         sorts={
             "components": tuple(chain.from_iterable(kinds.values())),
@@ -217,8 +237,10 @@ def for_robot(
             "values": values,
             "node_resources": ("CPU", "Mem"),
             "channel_readings": ("current",),
+            **sorts,
         },
         predicates={
+            **predicates,
             **{state: ((sort,),) for sort, state in kinds},
             "ok": (
                 ("topics",),

@@ -20,6 +20,7 @@ from itertools import pairwise
 from math import ceil
 
 from robomend.model.components import ComponentModel
+from robomend.model.functions import needs_of
 from robomend.web.letters import cut, width
 from robomend.web.suspicion import Suspicion
 
@@ -44,9 +45,9 @@ ODD = frozenset({"bad", "suspect", "silent"})
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A box of the graph; hardware and nodes are components, topics are not."""
+    """A box of the graph; hardware and nodes are components, topics and functions are not."""
 
-    kind: str  # hardware, node, topic
+    kind: str  # hardware, node, topic, function
     name: str
 
 
@@ -90,6 +91,7 @@ def _laid_out(model: ComponentModel) -> Layout:
                 *(Thing("node", name) for name in model.nodes),
                 *(thing for edge in edges for thing in edge),
                 *(Thing("topic", name) for name in model.topics),
+                *(Thing("function", name) for name in model.functions),
             ]
         )
     )
@@ -103,7 +105,11 @@ def _laid_out(model: ComponentModel) -> Layout:
             column[thing] = max(column[thing], 1)
         elif thing.kind == "topic":
             column[thing] = max(column[thing], 2)
-    widest = max((width(thing.name, LETTERS) for thing in things), default=0.0)
+        elif thing.kind == "function":
+            column[thing] = max(column[thing], 3)
+    names = [thing.name for thing in things]
+    names += [f"{one.name}: {variant}" for one in model.functions.values() for variant in one.variants]
+    widest = max((width(name, LETTERS) for name in names), default=0.0)
     box = min(max(BOX[0], ceil(widest + SIGN + 2 * PADDING)), BOX[1])
     return Layout(_rows(things, column, edges), edges, box)
 
@@ -120,6 +126,14 @@ def _edges(model: ComponentModel) -> list[tuple[Thing, Thing]]:
             for needed in inputs:
                 edges[Thing("topic", needed), Thing("node", node.name)] = None
             edges[Thing("node", node.name), Thing("topic", topic)] = None
+    for function in model.functions.values():
+        for variant in function.variants.values():
+            for need in needs_of(variant, model):
+                if need.component is not None:
+                    kind = "hardware" if need.component in model.hardware else "node"
+                    edges[Thing(kind, need.component), Thing("function", function.name)] = None
+                elif need.function is not None:
+                    edges[Thing("function", need.function), Thing("function", function.name)] = None
     return list(edges)
 
 
@@ -164,7 +178,11 @@ def _rows(
 
 
 def svg(
-    drawn: Layout, found: Mapping[str, Suspicion], topics: Mapping[str, bool], links: Mapping[str, str]
+    drawn: Layout,
+    found: Mapping[str, Suspicion],
+    topics: Mapping[str, bool],
+    links: Mapping[str, str],
+    active: Mapping[str, str] = {},
 ) -> str:
     """Return the graph as an SVG element.
 
@@ -172,6 +190,7 @@ def svg(
         found: what the diagnosis makes of each component.
         topics: whether a topic was seen to be ok; one that is not in it is unknown.
         links: a component -> where its explanation is.
+        active: a function -> the variant by which it works; one that is not in it is unknown.
     """
     last = max((x for x, _ in drawn.places.values()), default=0)
     wide = 2 * MARGIN + drawn.box + (drawn.box + GAP) * last
@@ -184,11 +203,11 @@ def svg(
         (left, above), (right, below) = drawn.corner(source), drawn.corner(target)
         left, y1, y2 = left + drawn.box, above + HEIGHT / 2, below + HEIGHT / 2
         bend = max(24.0, abs(right - left) / 2)
-        odd = " odd" if _state(source, found, topics) in ODD else ""
+        odd = " odd" if _state(source, found, topics, active) in ODD else ""
         curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
         out.append(f'<path class="edge{odd}" d="{curve}"/>')
     for thing in drawn.places:
-        out.append(_box(thing, drawn, found, topics, links))
+        out.append(_box(thing, drawn, found, topics, links, active))
     out.append("</svg>")
     return "\n".join(out)
 
@@ -199,13 +218,18 @@ def _box(
     found: Mapping[str, Suspicion],
     topics: Mapping[str, bool],
     links: Mapping[str, str],
+    active: Mapping[str, str],
 ) -> str:
     (x, y), box = drawn.corner(thing), drawn.box
-    state = _state(thing, found, topics)
+    state = _state(thing, found, topics, active)
     share = found[thing.name].share if state == "suspect" else 1.0
     told = f"{thing.kind} {thing.name}: {state}" + (f", {share:.0%} of the suspicion" if share < 1 else "")
-    text = cut(thing.name, box - 2 * PADDING - SIGN, LETTERS)
-    radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2}[thing.kind]
+    name = thing.name
+    if thing.kind == "function" and name in active:
+        name = f"{name}: {active[name]}"
+        told += f", by {active[thing.name]}"
+    text = cut(name, box - 2 * PADDING - SIGN, LETTERS)
+    radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2, "function": 2}[thing.kind]
     fill = f' fill-opacity="{0.15 + 0.85 * share:.2f}"' if state == "suspect" else ""
     drawing = (
         f'<g class="thing {thing.kind} {state}"><title>{escape(told)}</title>'
@@ -213,11 +237,15 @@ def _box(
         f'<text x="{x + box / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
         f'{SIGNS[state]}<tspan unicode-bidi="isolate">{escape(text)}</tspan></text></g>'
     )
-    link = links.get(thing.name) if thing.kind != "topic" else None
+    link = links.get(thing.name) if thing.kind in {"hardware", "node"} else None
     return drawing if link is None else f'<a href="{escape(link)}" aria-label="{escape(told)}">{drawing}</a>'
 
 
-def _state(thing: Thing, found: Mapping[str, Suspicion], topics: Mapping[str, bool]) -> str:
+def _state(
+    thing: Thing, found: Mapping[str, Suspicion], topics: Mapping[str, bool], active: Mapping[str, str]
+) -> str:
+    if thing.kind == "function":
+        return "good" if thing.name in active else "unknown"
     if thing.kind == "topic":
         seen = topics.get(thing.name)
         return "unknown" if seen is None else "good" if seen else "silent"

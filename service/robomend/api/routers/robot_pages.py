@@ -17,6 +17,7 @@ from robomend.api.problems import Problem
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
+from robomend.model.vocabulary import ACTIVE
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
@@ -159,8 +160,13 @@ def _graph(state: Robot, found: Mapping[str, Any], explained: Any) -> Markup | N
         if literal.atom.predicate == "ok" and len(literal.atom.args) == 1
     }
     links = {why.component: f"#why-{index}" for index, why in enumerate(explained)}
+    active = {
+        literal.atom.args[0]: literal.atom.args[1]
+        for literal in (state.literals() if model.functions else ())
+        if literal.atom.predicate == ACTIVE and literal.positive
+    }
     # The graph escapes what it shows.
-    return Markup(graph.svg(graph.layout(model), found, seen, links))
+    return Markup(graph.svg(graph.layout(model), found, seen, links, active))
 
 
 def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:

@@ -32,21 +32,22 @@ PAPER_DOMAIN = "paper-repair.pddl"
 MAX_CHARACTERS = 200_000
 
 
-def load_domain(text: str | None = None, file: str | None = None) -> Domain:
+def load_domain(text: str | None = None, file: str | None = None, variants: str | None = None) -> Domain:
     """Return the domain of this text: the user's own whole domain, or repair.pddl extended by it.
 
     Args:
         text: PDDL; None or empty gives repair.pddl as it is.
         file: what messages call the text.
+        variants: what is added to either (robomend.planning.configurations).
 
     Raises:
         DomainError: with file, line and what is allowed.
     """
     if text is None or not text.strip():
-        return _load(None, None)
+        return _load(None, None, variants)
     if len(text) > MAX_CHARACTERS:
         raise DomainError(f"{len(text)} characters; at most {MAX_CHARACTERS} are read", file)
-    return _load(text, file)
+    return _load(text, file, variants)
 
 
 def shipped(name: str) -> str:
@@ -55,13 +56,11 @@ def shipped(name: str) -> str:
 
 
 @lru_cache(maxsize=64)
-def _load(text: str | None, file: str | None) -> Domain:
-    if text is None:
-        return parse(_shipped())
-    group = read(text, file)
-    if _declares(group, "good"):
-        return parse(group)
-    return parse(_merge(_shipped(), group))
+def _load(text: str | None, file: str | None, variants: str | None) -> Domain:
+    group = _shipped() if text is None else read(text, file)
+    if not _declares(group, "good"):
+        group = _merge(_shipped(), group)
+    return parse(group if variants is None else _merge(group, read(variants, "variants of the model")))
 
 
 def _shipped() -> Brackets:

@@ -1,0 +1,523 @@
+"""Which variants a robot's functions are to work by, and when to change: pure, times are passed in.
+
+    conditions over OBS, what is good ──► admissible variants ──► the most preferred
+                                                                          │ dwell, bounds
+                                          a plan of their acts ◄── changes that are due
+
+A variant is admissible if its `when` holds in OBS, nothing that it needs is broken or left off, and the
+functions that it needs work as it needs them. Functions do not need each other in circles, so that each gets
+its most preferred variant in turn, and that choice is the only one there is.
+
+    broken      every diagnosis blames something that the variant needs: it is left
+    suspected   some diagnosis does: it is not changed to, and not left either
+    unknown     nobody reports what its condition speaks of: it is not changed to, and not left either
+
+To what is worse is changed at once, as what was active does not do any more; to what is better once that was
+admissible for the function's `dwell_s`. What flaps ends with the safer variant: a change for the better is
+not made if, with the change back, it would be more than `changes_per_hour`, nor after it had to be undone
+soon for MOST_UNDONE times within the hour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+from robomend.model.components import ComponentModel, Function, Variant
+from robomend.model.formulas import Formula, leaves
+from robomend.model.functions import Comparison, Measured, holds, in_order, needs_of
+from robomend.model.vocabulary import ACTIVE
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.domain.values import Domain
+from robomend.planning.grounding import Grounder
+from robomend.planning.plan import Plan, Step
+from robomend.planning.planning import PlanOptions, plan_problem
+from robomend.planning.policy import HOUR_NS
+from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.planning.problem import repair_problem
+from robomend.planning.static_facts import Work
+from robomend_client.literals import Atom, Literal
+
+ACT_COST = 5.0
+"""Of an act that no domain gives a cost: about as long as its effect may take to show."""
+
+SOON_NS = 10 * 10**9
+"""A change for the better that is undone within so long, or four times the dwell, was one too many."""
+
+MOST_UNDONE = 2
+
+RETRY_NS = 60 * 10**9
+"""A variant whose acts failed is tried again after so long, then after twice as long, and so on …"""
+
+MOST_RETRY_NS = HOUR_NS
+
+
+# --- what is known, and what follows from it for each variant
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What configurations rest on."""
+
+    value: Callable[[Atom], bool | None]  # whether OBS holds it; None: unknown
+    measured: Measured
+    diagnoses: Sequence[Collection[str]] = ()  # what each blames; of a healthy robot nothing
+    left_off: Collection[str] = ()  # what a repair switched off or stopped and has not brought back
+
+
+class Standing(NamedTuple):
+    """How a variant stands."""
+
+    admissible: bool | None  # None: unknown
+    suspected: bool = False  # some diagnosis blames what it needs
+    aside: bool = False  # its acts failed, and it is not tried again yet
+    why: str = ""  # why it is not admissible, not known to be, or not changed to
+
+    @property
+    def fine(self) -> bool:
+        """Whether it may be changed to."""
+        return self.admissible is True and not self.suspected and not self.aside
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionState:
+    """How a function stands."""
+
+    function: Function
+    reported: tuple[str, ...]  # the variants that are reported active
+    standings: Mapping[str, Standing]  # in order of preference
+    goal: str | None  # the variant that it is to work by; None: none is left
+    target: str | None  # what it works by once what is to be changed now is; None: not known
+    held: str = ""  # why a better variant is not changed to now
+
+    @property
+    def active(self) -> str | None:
+        """The variant by which it works; None: nobody says so, or several are said to be."""
+        return self.reported[0] if len(self.reported) == 1 else None
+
+    @property
+    def works(self) -> bool:
+        """Whether it works by a variant that is known to be admissible."""
+        return self.active is not None and self.standings[self.active].admissible is True
+
+    @property
+    def unknown(self) -> str:
+        """Why it is not known by which variant it works, or nothing."""
+        if not self.reported:
+            return f"nobody reports which variant of {self.function.name} is active"
+        if len(self.reported) > 1:
+            return f"several variants of {self.function.name} are reported active: {', '.join(self.reported)}"
+        return ""
+
+
+def _standing(
+    variant: Variant,
+    formula: Formula | None,
+    shift: int,
+    known: Known,
+    before: Mapping[str, FunctionState],
+    model: ComponentModel,
+    aside: str,
+) -> Standing:
+    """Return how a variant stands, where the functions that it needs stand like `before`."""
+    needs = needs_of(variant, model)
+    components = {need.component for need in needs if need.component is not None}
+    blamed = [components.intersection(bad) for bad in known.diagnoses]
+    suspected = any(blamed)
+    if blamed and all(blamed):
+        names = sorted(frozenset().union(*blamed))
+        return Standing(False, True, why=f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} blamed")
+    off = sorted(components.intersection(known.left_off))
+    if off:
+        return Standing(False, why=f"{', '.join(off)} {'is' if len(off) == 1 else 'are'} left off")
+    for need in needs:
+        if need.function is not None:
+            other = before[need.function]
+            if other.goal is None:
+                return Standing(False, why=f"{need.function} has no variant left")
+            if need.variant is not None and need.variant != other.target:
+                how = other.target or "an unknown variant"
+                return Standing(False, why=f"{need.function} works by {how}, not by {need.variant}")
+    if formula is not None:
+        truth = holds(formula, known.value, known.measured, shift)
+        if truth is not True:
+            return Standing(truth, suspected, why=unmet(formula, known, shift))
+    if aside:
+        return Standing(True, suspected, aside=True, why=aside)
+    if suspected:
+        names = sorted(frozenset().union(*blamed))
+        return Standing(True, True, why=f"{', '.join(names)} may be broken")
+    return Standing(True)
+
+
+def unmet(formula: Formula, known: Known, shift: int = 0) -> str:
+    """Return what of a condition does not hold, with what was measured."""
+    said: dict[str, None] = {}
+    for leaf in leaves(formula):
+        compared = Comparison.of_atom(leaf.literal.atom)
+        atom = leaf.literal.atom
+        if compared is not None:
+            number = known.measured(compared.of)
+            name = compared.of.args[-1] if compared.of.args else compared.of.predicate
+            if number is None:
+                said[f"nobody reports {name}"] = None
+            elif not compared.holds(number, shift):
+                way = "fell to" if compared.sign in {">=", ">"} else "rose to"
+                said[f"{name} {way} {number:.4g}, {compared}"] = None
+        elif (value := known.value(atom)) is None:
+            said[f"nobody reports {atom}"] = None
+        elif value != leaf.literal.positive:
+            said[f"{Literal(atom, value)} is observed"] = None
+    return ", ".join(said) or "its condition does not hold"
+
+
+def met(formula: Formula | None, known: Known) -> str:
+    """Return by what a condition holds, with what was measured."""
+    said: dict[str, None] = {}
+    for leaf in () if formula is None else leaves(formula):
+        compared = Comparison.of_atom(leaf.literal.atom)
+        if compared is not None:
+            number = known.measured(compared.of)
+            if number is not None and compared.holds(number):
+                name = compared.of.args[-1] if compared.of.args else compared.of.predicate
+                way = "rose to" if compared.sign in {">=", ">"} else "fell to"
+                said[f"{name} {way} {number:.4g}, {compared}"] = None
+        elif known.value(leaf.literal.atom) == leaf.literal.positive:
+            said[f"{leaf.literal} is observed"] = None
+    return ", ".join(said)
+
+
+# --- when to change
+
+
+class Change(NamedTuple):
+    """A change that is to be made now."""
+
+    function: str
+    source: str
+    target: str
+    reason: str
+    better: bool  # the target is preferred to the source
+
+
+class Made(NamedTuple):
+    """A change that was made."""
+
+    time_ns: int
+    function: str
+    source: str
+    target: str
+
+
+class Decision(NamedTuple):
+    """What to do about a robot's functions now."""
+
+    states: Mapping[str, FunctionState]
+    changes: tuple[Change, ...]
+    again_ns: int | None  # when to decide anew, whatever is observed until then
+
+
+@dataclass
+class Keeper:
+    """Of one robot: since when variants are admissible, which failed, and what was changed lately."""
+
+    made: list[Made] = field(default_factory=list)
+    _since: dict[tuple[str, str], int] = field(default_factory=dict)
+    _failed: dict[tuple[str, str], tuple[int, int, str]] = field(default_factory=dict)
+
+    def failed(self, function: str, variant: str, why: str, now_ns: int) -> None:
+        """Note that a variant was not reached; another one is tried meanwhile."""
+        _, times, _ = self._failed.get((function, variant), (0, 0, ""))
+        wait_ns = min(RETRY_NS * 2**times, MOST_RETRY_NS)
+        self._failed[function, variant] = (now_ns + wait_ns, times + 1, why)
+
+    def changed(self, made: Made) -> None:
+        """Note a change that was made."""
+        self.made = [one for one in self.made if made.time_ns - one.time_ns < HOUR_NS]
+        self.made.append(made)
+        self._failed.pop((made.function, made.target), None)
+
+    def reconsider(self) -> None:
+        """Somebody changed the robot's configuration: what failed may work now."""
+        self._failed.clear()
+
+    def decide(
+        self,
+        model: ComponentModel,
+        conditions: Mapping[tuple[str, str], Formula],
+        known: Known,
+        now_ns: int,
+    ) -> Decision:
+        """Return how each function stands, and what is to be changed now."""
+        states: dict[str, FunctionState] = {}
+        changes: list[Change] = []
+        again: list[int] = []
+        for function in in_order(model):
+            name = function.name
+            reported = tuple(
+                variant for variant in function.variants if known.value(Atom(ACTIVE, (name, variant)))
+            )
+            active = reported[0] if len(reported) == 1 else None
+            standings: dict[str, Standing] = {}
+            before_active = active is not None
+            for variant in function.variants.values():
+                if variant.name == active:
+                    before_active = False
+                # What is active is kept a bit longer; for what is better a bit more is asked.
+                shift = -1 if variant.name == active else 1 if before_active else 0
+                until_ns, _, why = self._failed.get((name, variant.name), (0, 0, ""))
+                aside = why if now_ns < until_ns and variant.name != active else ""
+                if aside:
+                    again.append(until_ns)
+                standings[variant.name] = _standing(
+                    variant, conditions.get((name, variant.name)), shift, known, states, model, aside
+                )
+            state = FunctionState(function, reported, standings, _goal(standings, active), active)
+            for variant_name, standing in standings.items():
+                if standing.fine:
+                    self._since.setdefault((name, variant_name), now_ns)
+                else:
+                    self._since.pop((name, variant_name), None)
+            target, held, wake_ns = self._target(state, now_ns)
+            if wake_ns is not None:
+                again.append(wake_ns)
+            if active is not None and target is not None and target != active:
+                order = list(function.variants)
+                better = order.index(target) < order.index(active)
+                formula = conditions.get((name, target))
+                reason = met(formula, known) if better else standings[active].why
+                if better and not reason:
+                    reason = f"{target} is admissible again"
+                changes.append(Change(name, active, target, reason, better))
+            states[name] = replace(state, target=target, held=held)
+        return Decision(states, tuple(changes), min(again, default=None))
+
+    def _target(self, state: FunctionState, now_ns: int) -> tuple[str | None, str, int | None]:
+        """Return the variant to work by now, why a better one is not, and when to look again."""
+        active, function = state.active, state.function
+        if active is None:
+            return None, state.unknown, None
+        order = list(function.variants)
+        above, below = order[: order.index(active)], order[order.index(active) + 1 :]
+        standings = state.standings
+        leaves_it = standings[active].admissible is False
+        held, wake_ns = "", None
+        dwell_ns = round(function.dwell_s * 1e9)
+        for better in above:
+            if not standings[better].fine:
+                continue
+            ready_ns = self._since[function.name, better] + dwell_ns
+            if now_ns < ready_ns:
+                wake_ns = ready_ns if wake_ns is None else min(wake_ns, ready_ns)
+                continue
+            why, until_ns = self._bounded(function, now_ns)
+            if not why or (leaves_it and not any(standings[one].fine for one in below)):
+                return better, "", wake_ns
+            held = held or f"holds {active}: {why}"
+            wake_ns = until_ns if wake_ns is None else min(wake_ns, until_ns)
+        if not leaves_it:
+            return active, held, wake_ns
+        fine = [one for one in (*below, *above) if standings[one].fine]
+        doubtful = [one for one in order if standings[one].admissible and not standings[one].aside]
+        for target in (*fine, *doubtful):
+            return target, held, wake_ns
+        return active, f"no variant of {function.name} is admissible", wake_ns
+
+    def _bounded(self, function: Function, now_ns: int) -> tuple[str, int]:
+        """Return why no change for the better is made now, and until when; or nothing."""
+        made = [m for m in self.made if m.function == function.name and now_ns - m.time_ns < HOUR_NS]
+        if made and len(made) + 2 > function.changes_per_hour:
+            why = f"{len(made)} changes within the hour, and at most {function.changes_per_hour} are made"
+            return why, made[0].time_ns + HOUR_NS
+        order = list(function.variants)
+        soon_ns = max(SOON_NS, round(4e9 * function.dwell_s))
+        undone = [
+            after
+            for before, after in pairwise(made)
+            if order.index(before.target) < order.index(before.source)
+            and order.index(after.target) > order.index(after.source)
+            and after.time_ns - before.time_ns < soon_ns
+        ]
+        if len(undone) >= MOST_UNDONE:
+            why = f"a change for the better had to be undone soon, {len(undone)} times within the hour"
+            return why, undone[0].time_ns + HOUR_NS
+        return "", 0
+
+
+def _goal(standings: Mapping[str, Standing], active: str | None) -> str | None:
+    """Return the most preferred variant that may be changed to, or kept; None: none is left."""
+    for variant, standing in standings.items():
+        if standing.fine or (variant == active and standing.admissible is not False):
+            return variant
+    return next((v for v, standing in standings.items() if standing.admissible and not standing.aside), None)
+
+
+# --- the plan of a change
+
+
+def variants_pddl(
+    model: ComponentModel,
+    states: Mapping[str, FunctionState],
+    changes: Iterable[Change],
+    name: str,
+    costs: Callable[[str], float],
+) -> str:
+    """Return what a repair domain needs to make changes: for each variant a fact of its own, what it needs,
+    and for each that is to be reached one action without variables.
+    """
+    numbers = _numbers(model)
+    predicates, facts, actions = [], [], []
+    for (function, variant), number in numbers.items():
+        predicates.append(f"(active-{number}) (needed-{number} ?c - component)")
+        if states[function].active == variant:
+            facts.append(f"(active-{number})")
+        needs = needs_of(model.functions[function].variants[variant], model)
+        facts += [
+            f"(needed-{number} {_word(need.component)})" for need in needs if need.component is not None
+        ]
+    for change in changes:
+        variant_of = model.functions[change.function].variants[change.target]
+        number = numbers[change.function, change.target]
+        asked = [f"(forall (?c - component) (imply (needed-{number} ?c) (good ?c)))"]
+        for need in needs_of(variant_of, model):
+            if need.function is not None:
+                wanted = states[need.function].target
+                asked += [f"(active-{numbers[need.function, wanted]})"] if wanted is not None else []
+        cost = sum(costs(act) for act, _ in variant_of.do)
+        gone = " ".join(
+            f"(not (active-{other}))"
+            for (function, _), other in numbers.items()
+            if function == change.function and other != number
+        )
+        actions.append(
+            f"(:action change-to-{number} :parameters () :precondition (and {' '.join(asked)})\n"
+            f"    :effect (and (active-{number}) {gone} (increase (total-cost) {cost:g})))"
+        )
+    return "\n  ".join(
+        (
+            f"(define (domain {name})",
+            f"(:predicates {' '.join(predicates)})",
+            *actions,
+            f"(:init {' '.join(facts)}))",
+        )
+    )
+
+
+def change_plan(
+    model: ComponentModel,
+    observed: Iterable[Literal],
+    bad: Collection[str],
+    states: Mapping[str, FunctionState],
+    changes: Sequence[Change],
+    options: PlanOptions,
+    work: Work | None = None,
+) -> Plan:
+    """Return a plan of the acts that make these changes, with what their variants need before them.
+
+    What a variant needs and is meant to be off, a cold spare, is switched on for it; what is broken is not
+    repaired here.
+
+    Raises:
+        OutOfWork, DomainError, SolverError: as robomend.planning.planning.plan_for does.
+    """
+    base = load_domain(options.domain, options.domain_file)
+
+    def cost(act: str) -> float:
+        schema = base.schemas.get(act)
+        return ACT_COST if schema is None else schema.cost
+
+    domain = load_domain(
+        options.domain, options.domain_file, variants_pddl(model, states, changes, base.name, cost)
+    )
+    wanted = {
+        need.component
+        for change in changes
+        for need in needs_of(model.functions[change.function].variants[change.target], model)
+    }
+    problem = repair_problem(
+        model,
+        domain,
+        observed,
+        bad,
+        expected_stopped=[name for name in options.expected_stopped if name not in wanted],
+        quarantined=options.quarantined,
+        protected=options.protected,
+        avoided=options.avoided,
+        forbidden=options.forbidden,
+        offers=options.offers,
+        lingering=options.lingering,
+    )
+    numbers = _numbers(model)
+    goal = tuple((f"active-{numbers[change.function, change.target]}",) for change in changes)
+    problem = replace(problem, goal=goal)
+    plan = plan_problem(domain, problem, options, work)
+    by_action = {f"change-to-{numbers[change.function, change.target]}": change for change in changes}
+    said = {f"active-{number}": f"{function} by {variant}" for (function, variant), number in numbers.items()}
+    steps = _expanded(plan, by_action, model, Grounder(domain, problem), base)
+    return replace(
+        plan,
+        steps=steps,
+        initial=frozenset(atom for atom in plan.initial if not atom.predicate.startswith("active-")),
+        unreachable=tuple(_in_words(sentence, said) for sentence in plan.unreachable),
+    )
+
+
+def _in_words(sentence: str, said: Mapping[str, str]) -> str:
+    for fact, words in sorted(said.items(), key=lambda one: -len(one[0])):
+        sentence = sentence.replace(fact, words)
+    return sentence.removeprefix(": ")
+
+
+def _expanded(
+    plan: Plan, changes: Mapping[str, Change], model: ComponentModel, grounder: Grounder, domain: Domain
+) -> tuple[Step, ...]:
+    """Return the plan's steps with the acts of the variants in place of the actions that stand for them."""
+    steps: list[Step] = []
+    ends: dict[int, tuple[int, ...]] = {}  # a step of the plan -> the last ones that stand for it
+    for step in plan.steps:
+        after = tuple(sorted({end for before in step.after for end in ends[before]}))
+        change = changes.get(step.name)
+        if change is None:
+            ends[step.index] = (len(steps),)
+            steps.append(replace(step, index=len(steps), after=after))
+            continue
+        function = model.functions[change.function]
+        variant = function.variants[change.target]
+        shown = [
+            Literal(Atom(ACTIVE, (function.name, one)), one == variant.name) for one in function.variants
+        ]
+        for position, (act, parameters) in enumerate(variant.do):
+            last = position == len(variant.do) - 1
+            effects: tuple[Literal, ...] = tuple(shown) if last else ()
+            known = domain.schemas.get(act)
+            if known is not None and len(known.parameters) == len(parameters):
+                for instance in grounder.instances(act, parameters)[:1]:
+                    own = map(grounder.literal, sorted(instance.effects, key=abs))
+                    effects = (*own, *effects)
+            cost = ACT_COST if known is None else known.cost
+            steps.append(Step(len(steps), act, parameters, cost, after, (), effects))
+            after = (len(steps) - 1,)
+        ends[step.index] = after
+    return tuple(steps)
+
+
+def _numbers(model: ComponentModel) -> dict[tuple[str, str], int]:
+    pairs = ((name, variant) for name, function in model.functions.items() for variant in function.variants)
+    return {pair: number for number, pair in enumerate(pairs)}
+
+
+def _word(name: str | None) -> str:
+    escaped = (name or "").replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def awaited(steps: Iterable[Step]) -> frozenset[Literal]:
+    """Return what must be seen of a change once its acts are done."""
+    return frozenset(
+        effect
+        for step in steps
+        for effect in step.effects
+        if effect.positive and effect.atom.predicate in {ACTIVE, *OBSERVED_FACTS}
+    )
