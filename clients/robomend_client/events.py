@@ -24,6 +24,7 @@ class Kind(StrEnum):
     ROBOT = "robot"  # data: what changed (created, updated, deleted, quarantine, owner)
     MODEL = "model"  # data: model name, version
     DRILL = "drill"  # data: drill id, state, fault, component, undo, reason
+    MOMENT = "moment"  # data: moment id, at_ns, complete
     BATCH = "batch"  # data: batch id, state
     STOP = "stop"  # data: active, by, reason, since_ns, revision
 

@@ -74,6 +74,8 @@ class Metrics:
             "robomend_repair_changes", "repairs by the state that they came to", "state"
         )
         self.actions = self._counter("robomend_actions", "actions by name and result code", "name", "code")
+        self.moments = self._counter("robomend_moments", "moments of faults that came in")
+        self.moment_bytes = self._counter("robomend_moment_bytes", "bytes of moments that came in", "of")
         self.notifications = self._counter(
             "robomend_notifications", "notifications by what came of a try to deliver them", "outcome"
         )

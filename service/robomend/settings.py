@@ -197,6 +197,12 @@ class Settings(BaseModel):
     )
     events_days: float = Field(7.0, gt=0, description="events are kept this long: how far streams replay")
     repairs_days: float = Field(365.0, gt=0, description="repairs that ended are kept this long")
+    moments_days: float = Field(30.0, gt=0, description="moments of faults are kept this long")
+    moments_mb: float = Field(
+        1024.0, gt=0, description="moments of all robots, recordings and all; the oldest go for newer ones"
+    )
+    moments_kept: int = Field(100, ge=1, le=100_000, description="moments of one robot; the oldest go")
+    max_recording_mb: float = Field(64.0, gt=0, description="of one moment; more is a 413")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     log_format: Literal["json", "text"] = "json"
 

@@ -19,6 +19,7 @@ PLACES = {
     "robot": "r1",
     "repair": "r-1",
     "drill": "d-1",
+    "moment": "m-1",
     "batch": "b-1",
     "action": "r-1:0",
     "assertion": "a",

@@ -41,6 +41,8 @@ class ServiceDouble:
     settle: dict[str, Any] | None = None  # what every poll is told until its agent has acted on it
     seen_keys: set[str] = field(default_factory=set)
     withdrawn: set[str] = field(default_factory=set)  # actions whose feedback is answered with 409
+    moments: dict[str, dict[str, Any]] = field(default_factory=dict)  # key -> its newest frame
+    recordings: dict[str, bytes] = field(default_factory=dict)  # key -> what has come
     repeated: int = 0  # requests whose Idempotency-Key came before
     headers: list[dict[str, str]] = field(default_factory=list)
     _server: ThreadingHTTPServer | None = None
@@ -179,6 +181,19 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if not self.service.is_up:
             self.close_connection = True
+            return
+        if path.endswith("/moments"):
+            moment = json.loads(data)
+            self.service.moments[moment["key"]] = moment
+            have = len(self.service.recordings.setdefault(moment["key"], b""))
+            self._send(200, {"id": f"m-{moment['key']}", "have": have})
+            return
+        if path.endswith("/recording"):
+            key = path.split("/")[-2].removeprefix("m-")
+            at = int(parse_qs(urlsplit(self.path).query)["at"][0])
+            if at == len(self.service.recordings[key]):
+                self.service.recordings[key] += data
+            self._send(200, {"have": len(self.service.recordings[key])})
             return
         if path.endswith("/actions/next"):
             poll = json.loads(data)

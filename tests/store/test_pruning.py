@@ -17,7 +17,7 @@ from robomend_client.events import Kind
 pytestmark = pytest.mark.anyio
 
 DAY_NS = 86_400_000_000_000
-EVERYTHING = Retention(1, 1, 1, 1, 1, 1)
+EVERYTHING = Retention(1, 1, 1, 1, 1, 1, 1)
 
 
 def at(monkeypatch: pytest.MonkeyPatch, days_ago: float) -> None:
@@ -163,7 +163,7 @@ async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pyt
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"))
     at(monkeypatch, 0)
-    forever = Retention(None, None, None, None, None, None)
+    forever = Retention(None, None, None, None, None, None, None)
     assert await prune(store, forever) == Pruned()
 
 

@@ -12,7 +12,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Coroutine, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
 from typing import Any
@@ -25,6 +25,7 @@ from robomend_client.agent.executors.drill import drilled
 from robomend_client.agent.executors.supervised import supervised
 from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Reads, Samples
 from robomend_client.agent.memory import FirstResults
+from robomend_client.agent.moments import Moments, Watched
 from robomend_client.agent.planted import PlantedFaults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
@@ -78,8 +79,19 @@ class Agent:
             clock = Clock()
             bridges = [feed for feed, _ in config.feeds if isinstance(feed, Bridge)]
 
+            moments = Moments(
+                config.moments,
+                config.robot,
+                config.agent,
+                config.state_dir / "moments",
+                clock,
+                [Watched(spec.atoms, spec.sources) for spec in config.observers],
+            )
+
             def on_changes(changes: Sequence[Change]) -> None:
                 reporter.report(changes)
+                if config.moments.keep:
+                    moments.changed(changes)
                 for bridge in bridges:
                     bridge.changed(changes)
 
@@ -89,6 +101,7 @@ class Agent:
                 on_changes,
                 config.lenient,
                 config.recording,
+                moments.sample if config.moments.keep else None,
             )
             for feed, sources in config.feeds:
                 if isinstance(feed, Reads):
@@ -102,12 +115,14 @@ class Agent:
                 watch.standing,
                 clock,
             )
-            topics = await self._open_bus(stack, watch)
+            topics = await self._open_bus(stack, watch, moments)
             supervisor = Supervisor(
                 config.processes, config.state_dir, self.bus, config.keep_processes, self._nodes_changed.set
             )
             supervisor.open()
             stack.push_async_callback(supervisor.close)
+            moments.processes = supervisor.processes
+            stack.push_async_callback(moments.close)
             memory = FirstResults(config.state_dir / "results.jsonl")
             planted = PlantedFaults(
                 config.state_dir / "planted.json", supervisor.processes, partial(_is_stopped, orders), topics
@@ -136,9 +151,12 @@ class Agent:
                         standing=watch.standing,
                         heartbeat_s=config.heartbeat_s,
                         buffer_bytes=config.buffer_bytes,
+                        tap=moments.ring.tap if config.moments.keep else None,
+                        keeps_all=config.moments.record,
                     )
                 )
-            await self._work(supervisor, watch, reporter, actions, planted)
+            send_moments = moments.send(orders, lambda: reporter.quiet)
+            await self._work(supervisor, watch, reporter, actions, planted, moments.run(), send_moments)
             await reporter.flush()
 
     async def _work(
@@ -148,6 +166,7 @@ class Agent:
         reporter: VerdictReporter,
         actions: Actions,
         planted: PlantedFaults,
+        *moments: Coroutine[Any, Any, None],
     ) -> None:
         work = {
             "observers": watch.run(),
@@ -158,6 +177,7 @@ class Agent:
             "planted faults": planted.run(),
         }
         tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
+        tasks += [asyncio.create_task(part, name="moments") for part in moments]
         tasks += [asyncio.create_task(_fed(feed, sources, watch)) for feed, sources in self.config.feeds]
         self.ready.set()
         log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
@@ -188,12 +208,15 @@ class Agent:
 
     # --- feeds -----------------------------------------------------------------------------------------
 
-    async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> TopicFaults | None:
+    async def _open_bus(self, stack: AsyncExitStack, watch: Watch, moments: Moments) -> TopicFaults | None:
         """Listen to the bus; return what a drill may do to it, where it is ours."""
         sources = self.config.sources(own=False)
         samples = Samples(sources, watch.sample, self._missing_field)
 
         def on_message(message: TopicMessage) -> None:
+            if self.config.moments.keep and (message.data is not None or message.fields):
+                said = message.fields if message.data is None else message.data
+                moments.said(message.topic, message.time_ns, said)
             samples.message(message.topic, message.data, message.time_ns, message.fields)
 
         if self.config.joins_bus:

@@ -15,6 +15,7 @@
       odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
     lenient: [ok(scan)]                # atoms of which good news wins where observers disagree
     recording: {file: run.jsonl, mb: 64}   # what the observers are fed with, to be replayed
+    moments: {record: true}            # what was there when something turned bad; and raw messages around it
     actions:                           # executors/kinds.py
       calibrate: {kind: process, command: [calibrate, "{arm}"], parameters: {arm: [left, right]}}
     processes:                         # what may be started and stopped; nothing else may
@@ -37,7 +38,9 @@ import re
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
@@ -68,6 +71,7 @@ TOP = {
     "processes": "the only ones that may be started and stopped, by the model's names of the nodes",
     "actions": "what else the agent can do, by the plan's names",
     "recording": "what the observers are fed with is kept as lines of JSON, to be replayed",
+    "moments": "what is kept of the time around a literal that turns bad, for people and for tools",
     "board": "the power board, as the service measures it",
     "ros1": "a robot with ROS 1",
     "ros2": "a robot with ROS 2",
@@ -135,6 +139,28 @@ class Service:
         return key or None
 
 
+class MomentsConfig(NamedTuple):
+    """What is kept of the time around a literal that turns bad.
+
+    Attributes:
+        keep: whether there is a freeze frame.
+        record: whether the raw messages around it are recorded, too.
+        before_s: so many seconds before it.
+        after_s: so many seconds after it.
+        memory_mb: what the messages may take that are kept for a recording, in megabytes.
+        disk_mb: what moments may take that wait for the service, in megabytes.
+        per_hour: so many moments in an hour, at most.
+    """
+
+    keep: bool = True
+    record: bool = False
+    before_s: float = 30.0
+    after_s: float = 10.0
+    memory_mb: float = 32.0
+    disk_mb: float = 256.0
+    per_hour: float = 20.0
+
+
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
     """All of it, checked."""
@@ -155,6 +181,7 @@ class AgentConfig:
     lenient: frozenset[Atom]
     feeds: tuple[tuple[Feed, frozenset[str]], ...]  # each with the sources that it feeds
     recording: tuple[Path, int] | None
+    moments: MomentsConfig
     processes: tuple[ProcessSpec, ...]
     actions: tuple[ActionSpec, ...]
 
@@ -216,6 +243,7 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     feeds = _feeds(top, base, (*rates, *given))
     _check_own(top, given, processes)
     recording = _recording(top.section("recording"), base)
+    moments = _moments(top.section("moments"))
     actions = read_actions(top, base)
     top.finish()
     return AgentConfig(
@@ -235,6 +263,7 @@ def read_config(top: Section, base: Path) -> AgentConfig:
         lenient=lenient,
         feeds=feeds,
         recording=recording,
+        moments=moments,
         processes=processes,
         actions=actions,
     )
@@ -350,6 +379,24 @@ def _recording(section: Section, base: Path) -> tuple[Path, int] | None:
     most_bytes = int(section.number("mb", 64, least=0.001, most=100_000) * 1024 * 1024)
     section.finish()
     return None if file is None else (base / file, most_bytes)
+
+
+def _moments(section: Section) -> MomentsConfig:
+    section.explain(**documented(MomentsConfig))
+    usual = MomentsConfig()
+    found = MomentsConfig(
+        keep=section.flag("keep", usual.keep),
+        record=section.flag("record", usual.record),
+        before_s=section.number("before_s", usual.before_s, least=1, most=600),
+        after_s=section.number("after_s", usual.after_s, least=0, most=120),
+        memory_mb=section.number("memory_mb", usual.memory_mb, least=1, most=4096),
+        disk_mb=section.number("disk_mb", usual.disk_mb, least=1, most=100_000),
+        per_hour=section.number("per_hour", usual.per_hour, least=0.1, most=3600),
+    )
+    if found.record and find_spec("mcap") is None:
+        raise section.error("record", "needs what is installed with: pip install 'robomend-client[record]'")
+    section.finish()
+    return found
 
 
 def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec:

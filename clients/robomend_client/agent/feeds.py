@@ -23,6 +23,7 @@ from robomend_client.yaml_reader import Section
 if TYPE_CHECKING:  # the agent's file is read before httpx is imported
     from robomend_client.agent.actions import Actions
     from robomend_client.agent.executors.base import Executors
+    from robomend_client.agent.ring import Describe, Tap
     from robomend_client.clock import Clock
     from robomend_client.observers import Change, Verdict
     from robomend_client.rest.asynchronous import AsyncClient
@@ -87,6 +88,10 @@ class AgentParts:
     standing: Callable[[], Sequence[Verdict]]  # what the agent's observers hold now
     heartbeat_s: float
     buffer_bytes: int
+    tap: Callable[[Describe], Tap] | None = None
+    """Returns what each message is handed to, as it came; None: nobody keeps any."""
+    keeps_all: bool = False
+    """Whether it wants messages of any size; else those that are no burden."""
 
 
 @runtime_checkable

@@ -33,7 +33,7 @@ from robomend_client.actions import (
 from robomend_client.agent.config import ProcessSpec
 from robomend_client.agent.output import OutputFile
 from robomend_client.agent.readiness import Notification
-from robomend_client.agent.spawn import Handle, NotStarted, halted, spawn, stuck, waits_in
+from robomend_client.agent.spawn import Handle, NotStarted, described, halted, spawn, stuck, waits_in
 from robomend_client.python310 import StrEnum, timeout
 from robomend_client.readings import MAX_TEXT
 
@@ -214,10 +214,23 @@ class SupervisedProcess:
             return {"why": why, "symptom": "halted"} if why else True
         return {"why": self._why_ended(), "symptom": "ended"}
 
+    def described(self) -> str:
+        """Return how it is, for people: why it does not run, or what it does."""
+        state = self.state()
+        why = "" if state is True else state["why"]
+        now = described(self.handle.pid) if self.handle is not None else ""
+        return "; ".join(filter(None, (why, now))) or "runs"
+
     def adopted(self, handle: Handle) -> None:
         """Take over a process that an earlier agent started and that still runs."""
         self._hold(handle)
         self._change(Phase.RUNNING)
+
+    def output_tail(self, most_bytes: int) -> str:
+        """Return the newest output, from before the last start, too, as far as it is kept in a file."""
+        if self._output is None:
+            return self.tail()
+        return self._output.tail(most_bytes).decode("utf-8", "replace")
 
     def tail(self) -> str:
         """Return the newest output, for people."""

@@ -108,6 +108,11 @@ class VerdictReporter:
             self._say(arrived)
             failures = 0 if arrived else failures + 1
 
+    @property
+    def quiet(self) -> bool:
+        """Whether the service has all that was reported."""
+        return not self._away and not self._pending and not len(self._outbox.buffer)
+
     async def flush(self) -> None:
         """Send, or keep on the disk, what is pending: the agent is ending."""
         await self._send_pending()

@@ -152,6 +152,31 @@ def stuck(pid: int) -> tuple[bool, int]:
     return fields[:1] == [b"D"], sum(map(int, fields[11:13]))
 
 
+STATES = {
+    b"R": "running",
+    b"S": "sleeping",
+    b"D": "waiting in the kernel",
+    b"T": "stopped",
+    b"t": "traced",
+    b"Z": "ended, not reaped",
+    b"I": "idle",
+}
+"""Letters of /proc/PID/stat, as words."""
+
+
+def described(pid: int) -> str:
+    """Return how a process is, for people; nothing, of one that is not there."""
+    fields = _stat(pid)
+    if len(fields) < 22:
+        return ""
+    where = waits_in(pid)
+    used_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    memory_mb = int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    threads = int(fields[17])
+    state = STATES.get(fields[0], fields[0].decode("ascii", "replace")) + (f" in {where}" if where else "")
+    return f"{state}; {used_s:.1f} s of processor time, {memory_mb:.0f} MB, threads: {threads}"
+
+
 def waits_in(pid: int) -> str:
     """Return in which function of the kernel a process waits; nothing where the system does not say."""
     try:

@@ -45,9 +45,11 @@ class Watch:
         on_changes: Callable[[Sequence[Change]], None],
         lenient: Collection[Atom] = (),
         recording: tuple[Path, int] | None = None,
+        seen: Callable[[str, int, object], None] | None = None,
     ) -> None:
         """
         Args:
+            seen: told of each sample: source, time, value.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
 
         Raises:
@@ -56,6 +58,7 @@ class Watch:
         self._clock = clock
         self._on_changes = on_changes
         self._readers: dict[Reads, frozenset[str]] = {}
+        self._seen = seen
         self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
         began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
@@ -74,12 +77,17 @@ class Watch:
     def sample(self, source: str, value: object = None, time_ns: int | None = None) -> None:
         """A feeder has something; `time_ns` is its own stamp, if it has one."""
         if self._gathered is not None:
-            self._gathered.append((self._look() if time_ns is None else time_ns, source, value))
+            time_ns = self._look() if time_ns is None else time_ns
+            self._gathered.append((time_ns, source, value))
+            if self._seen is not None:
+                self._seen(source, time_ns, value)
             return
         now_ns = self._look()
         if self.driver.next_ns is not None and now_ns >= self.driver.next_ns:
             self._read()
             now_ns = self._look()
+        if self._seen is not None:
+            self._seen(source, now_ns if time_ns is None else time_ns, value)
         self._tell(self.driver.sample(source, now_ns if time_ns is None else time_ns, value, now_ns))
 
     def settle(self, n: int, atoms: Collection[Atom]) -> None:

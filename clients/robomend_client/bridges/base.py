@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver
+from robomend_client.agent.ring import Describe, Tap
 from robomend_client.beats import beat
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.names import Names, resolved
@@ -129,6 +130,12 @@ class RosBridge(ABC):
         if self._deliver is not None:
             for source, _ in self._topics.get(topic, ()):
                 self._deliver(source, sight, None)
+
+    def _tap(self, describe: Describe) -> Tap | None:
+        """Return what each message is handed to, if somebody keeps some."""
+        if self._parts is None or self._parts.tap is None:
+            return None
+        return self._parts.tap(describe)
 
     # --- for those who derive from it --------------------------------------------------------------------
 

@@ -190,6 +190,21 @@ def diagnosis(robot: str, wait_s: float | None, after: int | None) -> Call[Curre
     return get("robots", robot, "diagnosis", wait_s=wait_s, after=after)
 
 
+# --- moments of faults --------------------------------------------------------------------------------
+
+
+def keep_moment(robot: str, moment: Mapping[str, Any]) -> Call[Any]:
+    """Hand in what an agent kept; by its agent and key it is the same moment each time."""
+    return post("robots", robot, "moments", json=dict(moment), repeatable=True)
+
+
+def keep_recording(robot: str, moment: str, at: int, size: int, data: bytes) -> Call[Any]:
+    """Hand in a piece of a recording; one that came before changes nothing."""
+    place = path("robots", robot, "moments", moment, "recording")
+    kind = {"Content-Type": "application/octet-stream"}
+    return Call("PUT", place, body, params={"at": at, "size": size}, content=data, headers=kind)
+
+
 # --- the agent's side of actions ----------------------------------------------------------------------
 
 

@@ -278,6 +278,33 @@ class Client(Sender):
         answer: Stop = self.send(calls.resume(reason))
         return answer
 
+    # --- moments of faults --------------------------------------------------------------------------
+
+    def moments(
+        self, robot: str, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return what the robot's agents kept of moments in which something turned bad, newest first."""
+        return self.send(calls.page("robots", robot, "moments", cursor=cursor, limit=limit))
+
+    def moment(self, moment: str) -> dict[str, Any]:
+        """Return a moment with its freeze frame: last messages, values, log lines, processes."""
+        answer: dict[str, Any] = self.send(calls.get("moments", moment))
+        return answer
+
+    def moment_recording(self, moment: str, into: IO[bytes]) -> None:
+        """Write the recording of a moment (.mcap), piece by piece."""
+        self.download(calls.get("moments", f"{moment}.mcap"), into)
+
+    def keep_moment(self, robot: str, moment: Mapping[str, Any]) -> dict[str, Any]:
+        """Hand in a moment; return its id, and how much of its recording is there: `have`."""
+        answer: dict[str, Any] = self.send(calls.keep_moment(robot, moment))
+        return answer
+
+    def keep_recording(self, robot: str, moment: str, *, at: int, size: int, data: bytes) -> int:
+        """Hand in a piece of a recording of `size` bytes; return where the next one is to begin."""
+        answer = self.send(calls.keep_recording(robot, moment, at, size, data))
+        return int(answer["have"])
+
     # --- batches of logs ----------------------------------------------------------------------------
 
     def start_batch(self, logs: Iterable[str], **fields: str | float | None) -> dict[str, Any]:

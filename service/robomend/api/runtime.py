@@ -140,6 +140,8 @@ class Runtime:
         """Count from 0: of a series that begins with 1, Prometheus sees no increase."""
         for state in RepairState:
             self.metrics.repairs.labels(state)
+        for of in ("frames", "recordings"):
+            self.metrics.moment_bytes.labels(of)
 
     def _count(self, events: Sequence[Event]) -> None:
         for event in events:
@@ -178,6 +180,7 @@ def kept_by(settings: Settings) -> Retention:
         diagnoses_days=settings.diagnoses_days,
         events_days=settings.events_days,
         repairs_days=settings.repairs_days,
+        moments_days=settings.moments_days,
     )
 
 

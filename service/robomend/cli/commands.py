@@ -33,6 +33,7 @@ COMMANDS: Table = {
     "observe": ("robomend.cli.remote.probes:observe", "Report what was observed on a robot."),
     "probes": ("robomend.cli.remote.probes:probes", "Say what to look at next, or answer it."),
     "repairs": ("robomend.cli.remote.repairs:repairs", "List repairs, or tell one in words."),
+    "moments": ("robomend.cli.remote.moments:command", "Show what was around a fault; fetch its recording."),
     "approve": ("robomend.cli.remote.repairs:approve", "Say yes to the plan of a repair."),
     "cancel": ("robomend.cli.remote.repairs:cancel", "End a repair."),
     "stop": ("robomend.cli.remote.stop:command", "Stop all robots; lift or show the stop."),

@@ -10,7 +10,8 @@
     events.py        the log: batches, diagnoses and all other events, as they are read
     batch_text.py    a batch in it;  folding.py  OBS: rows, and the batches that came since
     models.py, robots.py, observations.py, start_ups.py, diagnoses.py, repairs.py, journal.py, attempts.py,
-    drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, audit.py, notifications.py
+    drills.py, moments.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, audit.py,
+    notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it
     results.py       what diagnoses say, once for all rows that say the same
     database.py      connections, and what differs between SQLite and PostgreSQL

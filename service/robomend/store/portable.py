@@ -8,8 +8,8 @@
 An export is one snapshot, from either kind of database into either kind. The last line tells a whole file
 from one that was cut off. Hashes of API keys are in it: keep it as safe as the database. Secrets of
 configurations are in it if they are asked for. What means something to running instances only is left out:
-who owns which robot, which browsers are signed in, and what people were told. Fencing numbers are in, so that
-they never go back.
+who owns which robot, which browsers are signed in, and what people were told; and moments, which are large.
+Fencing numbers are in, so that they never go back.
 """
 
 from __future__ import annotations

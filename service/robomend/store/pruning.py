@@ -92,6 +92,8 @@ async def prune(store: Store, retention: Retention, *, slice: int | None = None)
         ("agent_actions", *_rows(schema.agent_actions, "queued_ns"), retention.repairs_days),
         ("notifications", *_notifications(), retention.events_days),
         ("drills", *_rows(schema.drills, "updated_ns", ~schema.drills.c.open), retention.repairs_days),
+        ("moments", *_rows(schema.moments, "created_ns"), retention.moments_days),
+        ("moments", _left_pieces, partial(_remove, schema.moment_pieces, "number"), 0.0),
     )
     for what, find, remove, days in work:
         if days is None:
@@ -309,6 +311,14 @@ def _remove_repairs(tx: Transaction, ids: Keys) -> None:
     for part in (schema.repair_steps, schema.repair_requests, schema.journal):
         _remove(part, "repair", tx, ids)
     _remove(schema.repairs, "id", tx, ids)
+
+
+def _left_pieces(view: View, before: int) -> Keys:
+    """Return pieces of recordings whose moment is gone."""
+    pieces, moments = schema.moment_pieces, schema.moments
+    there = select(moments.c.number).where(moments.c.number == pieces.c.moment).exists()
+    left = select(pieces.c.number).where(~there).order_by(pieces.c.number).limit(LOOK)
+    return [row.number for row in view.rows(left)]
 
 
 def _expired_keys(view: View, before: int) -> Keys:

@@ -238,6 +238,32 @@ class StoredBatchJob:
 
 
 @dataclass(frozen=True, slots=True)
+class StoredMoment:
+    """What an agent kept of the moment in which something turned bad; its frame and recording are apart."""
+
+    id: str  # e.g. "m-4f1d6a…", the same for what the same agent sends again
+    number: int  # order of arrival
+    robot: str
+    agent: str
+    at_ns: int  # by the agent's clock
+    literals: tuple[Json, ...]  # what turned bad, with its reading
+    complete: bool  # nothing will be added to the frame any more
+    size: int | None  # of the recording in bytes; None: there is none
+    have: int  # how much of it has come
+    bytes: int  # what all of it takes
+    created_ns: int
+    updated_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class MomentBounds:
+    """How many moments are kept of one robot, and how many bytes of all."""
+
+    of_robot: int
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
 class StepRecord:
     """How far a step of a repair came; `data` is the execution's report."""
 
@@ -420,6 +446,7 @@ class Retention:
     repairs_days: float | None = 365.0
     tried_days: float | None = 30.0
     audit_days: float | None = None
+    moments_days: float | None = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -437,6 +464,7 @@ class Pruned:
     agent_actions: int = 0
     notifications: int = 0
     drills: int = 0
+    moments: int = 0  # and pieces of recordings
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,7 @@ _CLEARED = (
     schema.attempts,
     schema.start_ups,
     schema.agent_actions,
+    schema.moments,
 )
 """What goes with a robot."""
 
@@ -98,7 +99,7 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> S
 
 
 def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
-    """Delete a robot with its OBS, quarantine, memory, start-up times and queued actions.
+    """Delete a robot with its OBS, quarantine, memory, start-up times, moments and queued actions.
 
     StateConflict while a repair or a drill is open: what a drill has planted must be undone first.
     Its history stays as long as the retention says, and its revision and fencing number go on where they

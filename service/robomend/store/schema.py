@@ -35,7 +35,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "1"
+HEAD = "2"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -362,6 +362,30 @@ notifications = _numbered(
     _name("answer", nullable=False),
     Index("ix_notifications_key", "key", "recipient"),
     Index("ix_notifications_due", "due_ns", postgresql_where=_DUE, sqlite_where=_DUE),
+)
+
+moments = _numbered(
+    "moments",
+    _name("id", nullable=False, unique=True),
+    _name("robot", nullable=False),
+    _name("agent", nullable=False),
+    _time("at_ns"),  # by the agent's clock
+    _name("literals", nullable=False),  # what turned bad, for lists
+    Column("complete", Boolean, nullable=False),
+    Column("size", BigInteger),  # of the recording, in bytes; None: there is none
+    Column("have", BigInteger, nullable=False),  # how much of it has come
+    Column("bytes", BigInteger, nullable=False),  # what all of it takes, once it has come
+    _time("created_ns"),
+    _time("updated_ns"),
+    Index("ix_moments_robot", "robot", "number"),
+)
+
+moment_pieces = _numbered(
+    "moment_pieces",
+    Column("moment", BigInteger, nullable=False),  # a number of `moments`; none of that number: to be removed
+    Column("at", BigInteger, nullable=False),  # where it begins in the recording; -1: it is the frame, packed
+    Column("data", LargeBinary, nullable=False),
+    Index("ix_moment_pieces_moment", "moment", "at", unique=True),
 )
 
 batch_jobs = _numbered(

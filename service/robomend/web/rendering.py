@@ -20,6 +20,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
+from robomend.web.moment_plot import svg as moment_svg
 from robomend.web.plan_graph import svg as plan_svg
 from robomend.web.words import duration, layers, listed, repair_state, without
 from robomend_client.counts import counted
@@ -98,6 +99,7 @@ def _environment() -> Environment:
         without=without, plan_graph=lambda plan, states: Markup(plan_svg(plan, states))
     )
     environment.filters.update(
+        plot=lambda one: Markup(moment_svg(one.source, one.kind, one.at_s, one.values)),
         name=name,
         sentence=sentence,
         marked=marked,

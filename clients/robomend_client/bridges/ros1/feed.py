@@ -13,11 +13,13 @@ import asyncio
 import os
 import time
 from collections.abc import Callable, Coroutine
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.agent.ring import LARGE, Tap
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NODES, RosBridge
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
@@ -27,11 +29,12 @@ from robomend_client.bridges.ros1 import formats, model_server
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
 from robomend_client.bridges.ros1.liveness import Liveness
-from robomend_client.bridges.ros1.messages import MessageReaders
+from robomend_client.bridges.ros1.messages import MessageReaders, described
 from robomend_client.bridges.ros1.model_server import ModelServer
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.services import Services
 from robomend_client.bridges.ros1.subscription import Publisher
+from robomend_client.bridges.ros1.tcpros import LONGEST_MESSAGE
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
 from robomend_client.bridges.telling import ToldTopic
 from robomend_client.python310 import end
@@ -104,9 +107,11 @@ class Ros1(RosBridge):
         node = RosNode(self.node_name, self.master_uri, self.address, self.problems, now_ns)
         self._node, self._deliver = node, deliver
         liveness = self._liveness(node, deliver) if self._watches_nodes else None
+        tap = self._tap(partial(described, self._readers))
         for topic, wanted in self._topics.items():
-            hears = _Hearing(self, topic, wanted, deliver, liveness)
-            node.subscribe(topic, hears.message, keep=hears.looks)
+            hears = _Hearing(self, topic, wanted, deliver, liveness, tap)
+            up_to = 0 if tap is None or parts is None else LONGEST_MESSAGE if parts.keeps_all else LARGE
+            node.subscribe(topic, hears.message, keep=hears.looks, up_to=up_to)
         work = [node.run()]
         if self._services:
             work.append(self._watched(node, deliver).run())
@@ -185,7 +190,9 @@ class _Hearing:
         wanted: list[tuple[str, str]],
         deliver: Deliver,
         liveness: Liveness | None,
+        tap: Tap | None,
     ) -> None:
+        self._tap = tap
         self._counted = [source for source, field in wanted if not field]
         self._fields = [(source, field, is_board(source)) for source, field in wanted if field]
         self._bridge = bridge
@@ -201,6 +208,8 @@ class _Hearing:
     def message(self, publisher: Publisher, body: bytes, arrived_ns: int) -> None:
         if self._liveness is not None:
             self._liveness.heard(publisher)
+        if self._tap is not None:
+            self._tap(self._topic, arrived_ns, body, publisher)
         for source in self._counted:
             self._deliver(source, None, arrived_ns)
         if self._fields:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
+from robomend_client.agent.ring import Described
 from robomend_client.bridges.fields import UnreadableMessage
-from robomend_client.bridges.opened import KnownType, OpenedMessage
+from robomend_client.bridges.opened import KnownType, OpenedMessage, undescribed
 from robomend_client.bridges.ros1.subscription import Publisher
 
 LONGEST_DEFINITION = 256 * 1024
@@ -27,15 +28,28 @@ class MessageReaders:
         Raises:
             UnreadableMessage: its definition cannot be read.
         """
+        found = self.known(publisher)
+        if isinstance(found, str):
+            raise UnreadableMessage(found)
+        return found.open(body)
+
+    def known(self, publisher: Publisher) -> KnownType | str:
+        """Return how the messages of a publisher are read, or why they cannot be."""
         key = (publisher.type, publisher.definition)
         found = self._types.get(key)
         if found is None:
             found = self._types[key] = _type_of(publisher)
             if len(self._types) > MOST_TYPES:
                 self._types.popitem(last=False)
-        if isinstance(found, str):
-            raise UnreadableMessage(found)
-        return found.open(body)
+        return found
+
+
+def described(readers: MessageReaders, publisher: Publisher) -> Described:
+    """Return how the messages of a publisher are to be read elsewhere: by the definition that it sent."""
+    found = readers.known(publisher)
+    if isinstance(found, str):
+        return undescribed(publisher.type, found, cdr=False)
+    return found.described()._replace(schema=publisher.definition)
 
 
 def _type_of(publisher: Publisher) -> KnownType | str:

@@ -65,13 +65,18 @@ class RosNode:
         self._displaced = False
 
     def subscribe(
-        self, topic: str, on_message: OnMessage, keep: bool = False, on_link: OnLink | None = None
+        self,
+        topic: str,
+        on_message: OnMessage,
+        keep: bool = False,
+        on_link: OnLink | None = None,
+        up_to: int = 0,
     ) -> Subscription:
         """Listen to a topic, from the next registration on; of several who do, each gets its messages."""
         if (known := self._subscriptions.get(topic)) is not None:
             known.add(on_message, keep, on_link)
             return known
-        found = Subscription(topic, self.name, on_message, self.problems, self._bursts, keep, on_link)
+        found = Subscription(topic, self.name, on_message, self.problems, self._bursts, keep, on_link, up_to)
         self._subscriptions[topic] = found
         return found
 

@@ -78,12 +78,13 @@ class Subscription:
         bursts: Bursts,
         keep: bool = False,
         on_link: OnLink | None = None,
+        up_to: int = 0,
     ) -> None:
         """
         Args:
             topic: its full name.
             node: our own.
-            on_message: called with each message; with empty bytes unless `keep`.
+            on_message: called with each message; with empty bytes unless `keep`, or it has `up_to` at most.
             bursts: reads its connections.
             on_link: called when a publisher's connection stands, and when it is lost.
         """
@@ -96,6 +97,7 @@ class Subscription:
         self._problems = problems
         self._bursts = bursts
         self._keep = False
+        self._up_to = up_to
         self.add(on_message, keep, on_link)
         self._wanted: frozenset[str] = frozenset()
         self._links: dict[str, asyncio.Task[None]] = {}
@@ -258,7 +260,7 @@ class _Stream:
         self.greeted: asyncio.Future[None] = loop.create_future()
         self.lost: asyncio.Future[None] = loop.create_future()
         self._subscription = subscription
-        self._decoder = TcprosDecoder(subscription._keep)
+        self._decoder = TcprosDecoder(subscription._keep, subscription._up_to)
         self._publisher: Publisher | None = None
         self._newest_ns = 0  # when the newest message came
 

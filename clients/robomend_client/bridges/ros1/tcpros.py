@@ -62,12 +62,12 @@ def decode_header(body: bytes) -> dict[str, str]:
 class TcprosDecoder:
     """Cuts a byte stream, split anywhere, into a header and messages.
 
-    With `keep` False the messages after the header are counted and not kept: their bytes are let go as they
-    come, however long they are.
+    With `keep` False messages after the header that are longer than `up_to` bytes are counted and not kept:
+    their bytes are let go as they come, however long they are.
     """
 
-    def __init__(self, keep: bool) -> None:
-        self.keep = keep
+    def __init__(self, keep: bool, up_to: int = 0) -> None:
+        self._up_to = LONGEST_MESSAGE if keep else up_to
         self.header: dict[str, str] | None = None
         self.longest = 0  # of the messages that have begun
         self._buffer = bytearray()
@@ -89,7 +89,7 @@ class TcprosDecoder:
             (length,) = LENGTH.unpack_from(data)
             if size == LENGTH.size + length:  # one message, whole: mostly it is
                 self.longest = max(self.longest, length)
-                return [bytes(data[LENGTH.size :]) if self.keep else b""]
+                return [bytes(data[LENGTH.size :]) if length <= self._up_to else b""]
         found: list[bytes] = []
         if self._skip:
             if len(data) < self._skip:
@@ -109,7 +109,7 @@ class TcprosDecoder:
             end = LENGTH.size + length
             if self.header is not None:
                 self.longest = max(self.longest, length)
-            if self.header is not None and not self.keep:
+            if self.header is not None and length > self._up_to:
                 if len(buffer) < end:
                     self._skip = end - len(buffer)
                     buffer.clear()

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.agent.ring import Described
 from robomend_client.beats import beat
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge, RosPart
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
@@ -275,10 +276,14 @@ class Ros2Bridge(RosBridge):
         fields = [(source, field) for source, field in wanted if field]
         counted = [source for source, field in wanted if not field]
 
+        tap = self._tap(self._described)
+
         def heard(message: Message) -> None:
             if unheard.drains and not message.latched:
                 return
             time_ns = self._made_ns(message)
+            if tap is not None:
+                tap(topic, time_ns, message.data, (message.wire_type, message.type_hash))
             for source in counted:
                 deliver(source, None, time_ns)
             if not fields:
@@ -299,6 +304,10 @@ class Ros2Bridge(RosBridge):
 
     def _opened(self, message: Message) -> OpenedMessage:
         return self._readers.open(ros_type(message.wire_type), message.type_hash, message.data)
+
+    def _described(self, about: tuple[str, str]) -> Described:
+        wire_type, type_hash = about
+        return self._readers.described(ros_type(wire_type), type_hash)
 
     def _tell(self, place: str, message: Message, why: str | Exception) -> None:
         """Tell what is wrong with a node's messages, as soon as it has a name: more of them will come."""

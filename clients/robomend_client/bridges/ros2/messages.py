@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from robomend_client.agent.ring import Described
 from robomend_client.bridges.fields import UnreadableMessage
-from robomend_client.bridges.opened import KnownType, OpenedMessage
+from robomend_client.bridges.opened import KnownType, OpenedMessage, undescribed
 
 LONGEST_DEFINITION = 256 * 1024
 MOST_TYPES = 512
@@ -45,14 +46,25 @@ class MessageReaders:
         Raises:
             UnreadableMessage: there is no such definition.
         """
+        found = self._known(kind, type_hash)
+        if isinstance(found, str):
+            raise UnreadableMessage(found)
+        return found.open(data)
+
+    def described(self, kind: str, type_hash: str) -> Described:
+        """Return how messages of a type are to be read elsewhere."""
+        found = self._known(kind, type_hash)
+        if isinstance(found, str):
+            return undescribed(kind.replace("/", "/msg/", 1), found, cdr=True)
+        return found.described()
+
+    def _known(self, kind: str, type_hash: str) -> KnownType | str:
         found = self._types.get((kind, type_hash))
         if found is None:
             found = self._find(kind, type_hash)
             if len(self._types) < MOST_TYPES:
                 self._types[kind, type_hash] = found
-        if isinstance(found, str):
-            raise UnreadableMessage(found)
-        return found.open(data)
+        return found
 
     def _find(self, kind: str, type_hash: str) -> KnownType | str:
         package, _, short = kind.rpartition("/")

@@ -11,9 +11,10 @@ from fastapi import APIRouter, Path, Query, Request
 from markupsafe import Markup
 from starlette.responses import Response
 
-from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
+from robomend.api.deps import MomentPath, Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
 from robomend.api.page_route import PageRoute, back, page, read_form, reason_of, shell, wanted_parts
 from robomend.api.problems import Problem
+from robomend.api.routers.moments import moment_out
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
@@ -22,8 +23,8 @@ from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend.store import View, diagnoses
-from robomend.store.records import StoredDiagnosis
+from robomend.store import View, diagnoses, moments
+from robomend.store.records import Paging, StoredDiagnosis, StoredMoment
 from robomend.web import graph, past
 from robomend.web import timeline as figure
 from robomend.web.suspicion import Suspicion, suspicions, whys, with_priors
@@ -31,15 +32,19 @@ from robomend_client.literals import Atom
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
-PARTS = ("stop", "state", "repair", "diagnosis", "graph", "obs", "board", "past")
+PARTS = ("stop", "state", "repair", "diagnosis", "moments", "graph", "obs", "board", "past")
 """Parts of the page, in its order."""
 
 PROBES = 5
 SHOWN_OBS = 500
 DIAGNOSES = 10
 REPAIRS = 20
+MOMENTS = 6
 DRAWN = 1000
 """Components of a model whose graph is drawn."""
+BEFORE_NS = 120 * 10**9
+"""A moment that came so long before a repair began is of what it repairs."""
+
 PAST = 300
 """Diagnoses drawn in one timeline."""
 
@@ -72,6 +77,8 @@ async def robot_page(
         values |= await _planned(parts, robot) if plan else {"planned": None, "no_plan": ""}
     if "diagnosis" in wanted:
         values |= await _probes(parts, state)
+    if "moments" in wanted:
+        values |= await parts.store.read(_newest_moments, robot)
     if "graph" in wanted:
         values["graph"] = await asyncio.to_thread(_graph, state, values["found"], values["whys"])
     if "obs" in wanted:
@@ -117,6 +124,16 @@ def _unseen(state: Robot, unknown: Sequence[Atom]) -> Iterator[str]:
         topics = nodes[component].publishes if component in nodes else ()
         if component in names or names.intersection(topics):
             yield component
+
+
+def _newest_moments(view: View, robot: str) -> dict[str, Any]:
+    """Return the newest moment, and those before it."""
+    return _told_moments(view, moments.page(view, robot, Paging(limit=MOMENTS)).items)
+
+
+def _told_moments(view: View, found: Sequence[StoredMoment]) -> dict[str, Any]:
+    newest = moment_out(view, found[0].id) if found else None
+    return {"moment": newest, "older": found[1:]}
 
 
 async def _planned(parts: Parts, robot: str) -> dict[str, Any]:
@@ -287,14 +304,33 @@ async def repair_page(
 ) -> Response:
     """Show what a repair found, planned and did, in words."""
     found = await parts.repairs.repair(repair)
-    wanted = wanted_parts(request, ("stop", "record"))
+    wanted = wanted_parts(request, ("stop", "record", "moments"))
+    kept = await parts.store.read(_moments_of, found) if "moments" in wanted else {}
     return await page(
         request,
         "repair.html",
         **shell(request, parts, principal, wanted),
+        **kept,
         repair=found,
         robot=found["robot"],
     )
+
+
+def _moments_of(view: View, repair: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the moments of what a repair is about: the first of them was before it."""
+    first_ns = repair["created_ns"] - BEFORE_NS
+    last_ns = repair["finished_ns"] or time.time_ns()
+    return _told_moments(view, moments.between(view, repair["robot"], first_ns, last_ns, MOMENTS))
+
+
+@router.get("/ui/moments/{moment}")
+async def moment_page(
+    request: Request, moment: MomentPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Show what an agent kept of the time in which something turned bad."""
+    found = await parts.store.read(moment_out, moment)
+    wanted = wanted_parts(request, ("stop", "moment"))
+    return await page(request, "moment.html", **shell(request, parts, principal, wanted), moment=found)
 
 
 @router.post("/ui/repairs/{repair}")
