@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -47,6 +49,63 @@ def generated(service: Service, tmp_path: Path) -> Iterator[str]:
         sys.path.remove(str(tmp_path))
         for name in [name for name in sys.modules if name.split(".")[0] == PACKAGE]:
             del sys.modules[name]
+
+
+def test_every_module_of_a_generated_client_can_be_imported(generated: str) -> None:
+    package = importlib.import_module(generated)
+    names = [found.name for found in pkgutil.walk_packages(package.__path__, f"{generated}.")]
+    assert f"{generated}.api.batches.create_batch" in names
+    for name in names:
+        importlib.import_module(name)
+
+
+CALLS = """
+import createClient from "openapi-fetch";
+import type { paths } from "./api";
+
+const client = createClient<paths>({ baseUrl: "http://127.0.0.1:8600" });
+
+export async function calls(): Promise<string> {
+  const path = { robot: "r1" };
+  await client.PUT("/api/v1/robots/{robot}", { params: { path }, body: { model: "tedusar" } });
+  await client.POST("/api/v1/robots/{robot}/observations", {
+    params: { path },
+    body: { observations: ["not on(jaguar)"] },
+  });
+  await client.POST("/api/v1/batches", { body: { model: "tedusar", logs: ["night/*.bag"] } });
+  const { data, error } = await client.GET("/api/v1/robots/{robot}/diagnosis", { params: { path } });
+  return error ? error.code : (data.result?.diagnoses ?? []).map((one) => one.bad.join(" ")).join("; ");
+}
+"""
+
+PACKAGES = ("openapi-typescript@7.13.0", "openapi-fetch@0.17.0", "typescript@5.9.3")
+
+
+@pytest.fixture(scope="module")
+def typescript(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the generator and the compiler."""
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("npm is not installed: TypeScript is neither generated nor compiled")
+    folder = tmp_path_factory.mktemp("typescript")
+    asked = [npm, "install", "--no-audit", "--no-fund", "--prefer-offline", *PACKAGES]
+    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=240)
+    if done.returncode:
+        pytest.skip(f"npm cannot install the generator here: {done.stderr[-200:]}")
+    return folder
+
+
+def test_a_client_in_typescript_is_generated_and_compiles(service: Service, typescript: Path) -> None:
+    (typescript / "openapi.json").write_text(service.http.get("/openapi.json").text)
+    (typescript / "calls.ts").write_text(CALLS)
+    tools = typescript / "node_modules" / ".bin"
+    for line in (
+        ["openapi-typescript", "openapi.json", "-o", "api.d.ts"],
+        ["tsc", "--strict", "--noEmit", "--target", "es2022", "--module", "nodenext", "api.d.ts", "calls.ts"],
+    ):
+        asked = [str(tools / line[0]), *line[1:]]
+        done = subprocess.run(asked, cwd=typescript, capture_output=True, text=True, timeout=240)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_every_operation_has_a_short_name_of_its_own(service: Service) -> None:

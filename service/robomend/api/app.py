@@ -8,6 +8,7 @@ The parts are started and closed by whoever made them (see robomend.api.runtime)
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -92,7 +93,9 @@ TAGS = [
 
 
 def complete(document: dict[str, Any]) -> dict[str, Any]:
-    """Name operations, add the schemes of key and cookie, give problems their media type."""
+    """Name operations, add the schemes of key and cookie, give problems their media type; see to it that
+    generated clients compile.
+    """
     components = document.setdefault("components", {})
     components["schemas"]["ProblemBody"] = ProblemBody.model_json_schema()
     components["schemas"] |= COMPONENTS
@@ -116,6 +119,9 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
             one["operationId"] = one["operationId"].removesuffix(f"{place}_{method}")
             if RULES.get((method.upper(), path)) is not EVERYONE:
                 one["security"] = [{"key": []}, {"cookie": []}, {}]
+            if len(one.get("requestBody", {}).get("content", {})) > 1:
+                # Beside it: openapi-python-client imports what bodies of several kinds need for it only.
+                one.setdefault("parameters", []).append(_REQUEST_ID)
             answers = one.get("responses", {})
             if method == "get" and "application/json" in answers.get("200", {}).get("content", {}):
                 lists.describe(one)
@@ -128,7 +134,38 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
             for code, response in answers.items():
                 if code[0] in "45":
                     _as_problem(response)
+            _optional(document, one.get("requestBody"), set())
     return document
+
+
+_REQUEST_ID = {
+    "name": "X-Request-ID",
+    "in": "header",
+    "required": False,
+    "description": "by which the log and the answer name this request; without it the service makes one",
+    "schema": {"type": "string", "maxLength": 200},
+}
+
+
+def _optional(document: dict[str, Any], schema: Any, seen: set[str]) -> None:
+    """Say defaults of what is sent in words: to openapi-typescript, what has a default is always there."""
+    if isinstance(schema, list):
+        for part in schema:
+            _optional(document, part, seen)
+    if not isinstance(schema, dict):
+        return
+    named = str(schema.get("$ref", "")).removeprefix("#/components/schemas/")
+    if named and named not in seen:
+        seen.add(named)
+        _optional(document, document["components"]["schemas"][named], seen)
+    for property in (schema.get("properties") or {}).values():
+        if isinstance(property, dict) and "default" in property:
+            default = json.dumps(property.pop("default"), ensure_ascii=False)
+            said = property.get("description", "")
+            property["description"] = f"{said} (by default {default})".strip()
+    for key, part in schema.items():
+        if key not in ("example", "examples"):
+            _optional(document, part, seen)
 
 
 _ETAG = {
