@@ -121,8 +121,6 @@ class Wants:
         if source in WHOLE or is_board(source):
             topic, field = WHOLE[name]
         channels = self._channels(topic, source)
-        if source in self._statuses and any(channel.type_name == STATUSES for channel in channels or ()):
-            field = WHOLE["diagnostics"][1]  # on whatever topic they are
         if channels is None:
             self._problems.add(
                 f"{self._path}: {topic}", f"not recorded: what rests on {source} is unknown", bad=False

@@ -23,7 +23,7 @@ NODES, DIAGNOSTICS = "nodes", "diagnostics"
 """Sources that are more than a topic's messages or a field of them."""
 
 ALL_DIAGNOSTICS = "/diagnostics"
-"""In any namespace: the aggregator knows none."""
+"""In any namespace: the aggregator knows none. Drivers may have it remapped into theirs."""
 
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
 
@@ -169,6 +169,11 @@ class RosBridge(ABC):
                 self._names_seen.add(name)
                 if not NODE_NAME.match(name):
                     self.problems.tell(f"the node {name!r}"[:200], "ROS allows no such name; taken as it is")
+
+    def hear_diagnostics(self) -> None:
+        """Have diagnostics heard where drivers publish them, and where they were remapped to."""
+        for topic in {ALL_DIAGNOSTICS, self.names.ros(DIAGNOSTICS)}:
+            self._topics.setdefault(topic, []).append((DIAGNOSTICS, "status"))
 
     def told_topic(self, what: str) -> str:
         """Return the topic on which something is told."""

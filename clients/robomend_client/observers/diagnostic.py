@@ -159,7 +159,7 @@ class DiagnosticObserver:
                 ok(motor), `brake: Brake state == OK` says ok(brake).
             levels: which are bad.
             readings: how many make a verdict.
-            source: where the statuses come from.
+            source: where the statuses come from: any topic of DiagnosticArray (`diagnostics_agg`).
         """
         if not status:
             raise ValueError("status must name at least one status, e.g. 'hokuyo: *'")
@@ -168,7 +168,10 @@ class DiagnosticObserver:
         self._rules = tuple(ValueRule.parse(rule) for rule in rules)
         device = parse_atom(atom)
         self.atoms: tuple[Atom, ...] = tuple(dict.fromkeys((device, *(rule.atom for rule in self._rules))))
-        self.sources = frozenset((source,))
+        # Of a topic of ROS the statuses are a field; whoever knows no fields delivers them by its name.
+        self.sources = frozenset(
+            (source,) if source == DIAGNOSTICS or ":" in source else (source, f"{source}:status")
+        )
         self.period_ns = 0
         self.detection_s = readings.delay_s
         wait_s = readings.delay_s + readings.interval_s
@@ -193,6 +196,8 @@ class DiagnosticObserver:
             judgement.reset()
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
+        if value is None and DIAGNOSTICS not in self.sources:
+            return  # a message of a topic, whose field comes as well
         statuses = [value] if isinstance(value, Mapping) else value
         if not isinstance(statuses, Sequence) or isinstance(statuses, str | bytes):
             raise WrongKind("a diagnostic status or a list of them is", value)
@@ -266,7 +271,7 @@ class DiagnosticObserver:
             key: one for key, one in self._newest.items() if time_ns - one.time_ns < life_ns
         }
         judgement = self._judgements[self._device]
-        bad = [one for one in fresh.values() if self._is_bad(one.level)]
+        bad = [one for one in fresh.values() if self._is_bad(one.level) or self._breaks(one)]
         good = [one for one in fresh.values() if one.level < self._bad_from]
         if bad:
             worst = max(bad, key=lambda one: (one.level, one.time_ns))
@@ -295,6 +300,12 @@ class DiagnosticObserver:
     def _waits(self, time_ns: int) -> bool:
         """Return whether one of those that were heard before the reset may still be bad."""
         return bool(self._awaited) and time_ns < self._awaited_until_ns
+
+    def _breaks(self, status: _Status) -> bool:
+        """Return whether a status breaks a rule on the device itself."""
+        return any(
+            rule.atom == self._device and not rule.allows(value) for rule, value in status.rules.items()
+        )
 
     def _is_bad(self, level: int) -> bool:
         return self._stale_is_bad if level == STALE else level >= self._bad_from

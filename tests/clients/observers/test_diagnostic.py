@@ -153,6 +153,34 @@ def test_a_rule_may_be_about_a_text(rule: str, value: object, ok: bool) -> None:
     assert len(said(observer(None, rule), status(0, e_stop=None))) == 1
 
 
+def test_a_rule_on_the_device_itself_counts_beside_its_levels() -> None:
+    o = DiagnosticObserver("brake", ["*"], ["brake: Brake state == OK"])
+    assert said(o, status(0, **{"Brake state": "OK"})) == (holds("ok", "brake"),)
+    assert said(o, status(0, **{"Brake state": "worn"})) == (fails("ok", "brake"),)
+    assert said(o, status(2, **{"Brake state": "OK"})) == (fails("ok", "brake"),)
+
+
+@pytest.mark.parametrize(("level", "ok"), [(0, True), (2, False)])
+def test_a_status_that_comes_once_counts_for_its_lifetime(level: int, ok: bool) -> None:
+    """As of drivers that report changes only."""
+    driver = Driver([observer(None, lifetime_s=60)], 0)
+    driver.sample("diagnostics", ns(1), [status(level)], ns(1))
+    driver.advance(ns(50))
+    assert [one.literal for one in driver.standing()] == [Literal(Atom("ok", ("hokuyo",)), ok)]
+    driver.advance(ns(62))
+    assert driver.standing() == []
+
+
+def test_statuses_may_come_on_any_topic() -> None:
+    """By its name, or as ROS has it as a field of its messages, beside which each message is counted."""
+    o = DiagnosticObserver("hokuyo", ["hokuyo: *"], source="robot1/diagnostics_agg")
+    assert o.sources == {"robot1/diagnostics_agg", "robot1/diagnostics_agg:status"}
+    o.feed("robot1/diagnostics_agg", 0, None)
+    assert o.check(0) == ()
+    o.feed("robot1/diagnostics_agg:status", 0, [status(2)])
+    assert o.check(0) == (fails("ok", "hokuyo"),)
+
+
 @pytest.mark.parametrize(
     ("pattern", "name", "matches"),
     [

@@ -20,7 +20,7 @@ from typing import Any
 from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.agent.ring import LARGE, Tap
-from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NODES, RosBridge
+from robomend_client.bridges.base import DIAGNOSTICS, NAME, NODES, RosBridge
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.measured import is_board, measured
@@ -88,11 +88,11 @@ class Ros1(RosBridge):
             if source.startswith(SERVICES):
                 self._services[source] = self.names.ros(source.removeprefix(SERVICES))
                 continue
-            topic, field = MEASUREMENTS if is_board(source) else split(source)
-            name = self.names.ros(topic)
             if source == DIAGNOSTICS:
-                name, field = ALL_DIAGNOSTICS, "status"
-            self._topics.setdefault(name, []).append((source, field))
+                self.hear_diagnostics()
+                continue
+            topic, field = MEASUREMENTS if is_board(source) else split(source)
+            self._topics.setdefault(self.names.ros(topic), []).append((source, field))
         self._watches_nodes = NODES in sources
         self._node: RosNode | None = None
 

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.agent.ring import Described
 from robomend_client.beats import beat
-from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge, RosPart
+from robomend_client.bridges.base import DIAGNOSTICS, NODES, RosBridge, RosPart
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.opened import OpenedMessage
@@ -175,7 +175,7 @@ class Ros2Bridge(RosBridge):
         self._ages: dict[Hashable, Ages] = {}
         for source in sorted(sources - {NODES}):
             if source == DIAGNOSTICS:
-                self._topics.setdefault(ALL_DIAGNOSTICS, []).append((source, "status"))
+                self.hear_diagnostics()
             else:
                 topic, field = split(source)
                 self._topics.setdefault(self.names.ros(topic), []).append((source, field))

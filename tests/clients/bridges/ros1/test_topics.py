@@ -171,6 +171,45 @@ def test_diagnostics_and_the_boards_channels_come_as_observers_read_them(ros: Ro
     asyncio.run(test())
 
 
+@pytest.mark.parametrize(
+    ("topic", "source"),
+    [
+        ("/diagnostics_agg", "diagnostics_agg"),
+        ("/r1/diagnostics", "r1/diagnostics"),
+        ("/my/state", "my/state"),
+    ],
+)
+def test_statuses_are_heard_on_whatever_topic_they_are(
+    ros: Robot, tmp_path: Path, topic: str, source: str
+) -> None:
+    array = {"status": [{"name": "hokuyo: connection", "level": 1, "values": []}]}
+    node = ros.node("driver")
+    node.do("publish", topic=topic, type="diagnostic_msgs/DiagnosticArray", value=array, rate=20)
+
+    async def test() -> None:
+        levels = DiagnosticObserver("hokuyo", ["hokuyo: *"], source=source)
+        async with hearing(tmp_path, ros.master.uri, *levels.sources) as heard:
+            for one in levels.sources:
+                await heard.more(one)
+                levels.feed(one, 1, heard.last(one))
+            assert levels.check(1) == (fails("ok", "hokuyo"),)
+
+    asyncio.run(test())
+
+
+def test_diagnostics_that_were_remapped_into_a_namespace_are_heard(ros: Robot, tmp_path: Path) -> None:
+    array = {"status": [{"name": "hokuyo: connection", "level": 1, "values": []}]}
+    node = ros.node("driver")
+    node.do("publish", topic="/r1/diagnostics", type="diagnostic_msgs/DiagnosticArray", value=array, rate=20)
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "diagnostics", more="namespace: /r1") as heard:
+            await heard.more("diagnostics")
+            assert heard.last("diagnostics")[0]["name"] == "hokuyo: connection"
+
+    asyncio.run(test())
+
+
 def test_what_the_board_measures_of_a_device_is_a_number_for_any_observer(ros: Robot, tmp_path: Path) -> None:
     rows = [
         {"id": 7, "dev_connected": "jaguar", "status": 1, "current": 1.5, "voltage": 24.0},
