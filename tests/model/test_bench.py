@@ -12,6 +12,7 @@ from pysat.solvers import Solver
 
 from robomend.errors import ModelError
 from robomend.model.bench import circuit
+from robomend.model.loading import load_text
 from robomend_client.literals import Atom
 
 C17 = """\
@@ -144,3 +145,9 @@ def test_garbage_raises_model_errors_only(text: str) -> None:
             circuit(whole)
         except ModelError as error:
             str(error)
+
+
+def test_the_ports_of_itc_99_are_ports() -> None:
+    itc = C17.replace("INPUT(", "PINPUT(").replace("OUTPUT(", "POUTPUT(")
+    assert circuit(itc).cnf.clauses == circuit(C17).cnf.clauses
+    assert load_text(itc).vocabulary.sorts["outputs"] == ("22", "23")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+from robomend.model.other_formats import LOOKED_AT, named_bytes
 from robomend_batch.logs.blocks import Blocks, Opened
 from robomend_batch.logs.export import MAGIC as EXPORT_MAGIC
 from robomend_batch.logs.export import read_export
@@ -69,7 +70,7 @@ def kind_of(path: Path) -> str:
     """Return the kind of a file; LogRefused if it is none that is known, or cannot be read."""
     try:
         with path.open("rb") as file:
-            head = file.read(16)
+            head = file.read(LOOKED_AT)
     except OSError as error:
         raise LogRefused(f"cannot be read: {error.strerror}", str(path)) from error
     if not head:
@@ -82,4 +83,6 @@ def kind_of(path: Path) -> str:
         return kind_by_name
     if head.lstrip()[:1] == b"{":
         return "ndjson"
+    if other := named_bytes(head):
+        raise LogRefused(other, str(path))
     raise LogRefused(f"no log that is known: {', '.join(READERS)}", str(path))

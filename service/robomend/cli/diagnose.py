@@ -208,11 +208,14 @@ def _many(warm: WarmModel, path: str, fail_on_fault: bool) -> int:
     A set that is refused, or contradicts the model, gets `{"error": {"code": …, "message": …}}` in its place.
     """
     from robomend.errors import InputError
+    from robomend.model.other_formats import named
 
     refused = lines = 0
     all_healthy = True
     write, clock = sys.stdout.write, time.perf_counter
     for line in _lines(path):
+        if not lines and (other := named(line)):
+            raise InputError(f"{path}: {other}")
         lines += 1
         began = clock()
         try:

@@ -1,7 +1,7 @@
 """Circuits in .bench form (ISCAS-85, ISCAS-89): every gate a component, every net an atom `v(NET)`.
 
     # comment                        case of the keywords does not matter
-    INPUT(1)        OUTPUT(22)
+    INPUT(1)        OUTPUT(22)       PINPUT and POUTPUT are the same, as ITC-99 has them
     10 = NAND(1, 3)                  AND NAND OR NOR XOR XNOR of any arity; NOT, BUF (BUFF) of one
     5 = DFF(10)                      cut, as in a full scan: net 5 is an input, net 10 an output, no component
 
@@ -26,7 +26,7 @@ from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
 from robomend_client.literals import Atom, quote
 
-PORT = re.compile(r"(INPUT|OUTPUT)\s*\(\s*([^\s(),=#]+)\s*\)\Z", re.IGNORECASE)
+PORT = re.compile(r"P?(INPUT|OUTPUT)\s*\(\s*([^\s(),=#]+)\s*\)\Z", re.IGNORECASE)
 GATE = re.compile(r"([^\s(),=#]+)\s*=\s*(\w+)\s*\(([^()]*)\)\Z")
 GATES = ("AND", "NAND", "OR", "NOR", "XOR", "XNOR", "NOT", "BUF", "BUFF", "DFF")
 UNARY = ("NOT", "BUF", "BUFF", "DFF")
