@@ -60,6 +60,9 @@ class GoalRules:
 class GoalsObserver(Incidents):
     """Watches the goals of one action server."""
 
+    latched = True
+    """How a goal has ended is said once, also of one that ended just before a reset."""
+
     def __init__(
         self, atom: str, action: str | None = None, source: str | None = None, rules: GoalRules | None = None
     ) -> None:

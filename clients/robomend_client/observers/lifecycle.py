@@ -55,6 +55,9 @@ class RightState:
 class LifecycleObserver:
     """Watches the state of one node."""
 
+    latched = True
+    """A change is said once, also one that was made just before a reset."""
+
     def __init__(
         self,
         atom: str,
@@ -106,7 +109,9 @@ class LifecycleObserver:
             raise WrongKind(f"a change of state ({EVENTS}) is", value)
         before, state = str(value.get(START, "")), value[GOAL]
         right = self._expected.state
-        self._newest_ns = self._since_ns = self._from_ns = time_ns
+        self._newest_ns = time_ns
+        if time_ns >= self._since_ns:
+            self._since_ns = self._from_ns = time_ns
         if state == right:
             self._good_ns = time_ns
             self._rising_ns = None
