@@ -4,7 +4,7 @@
     {"do": "subscribe", "topic": "/observations", "type": …}    what comes is printed: {"heard": topic, …}
 
 A type may come with its text (`definition`): no package needs to be built. `stamped`: a header has the
-robot's time.
+robot's time, less `behind_s`. `moves`: a number counts up.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ import roslib.message
 import rospy
 import yaml
 
+OUT, sys.stdout = sys.stdout, sys.stderr  # rospy prints what is logged
+
 
 def say(**value: Any) -> None:
-    sys.stdout.write(json.dumps(value) + "\n")
-    sys.stdout.flush()
+    OUT.write(json.dumps(value) + "\n")
+    OUT.flush()
 
 
 def load(line: dict[str, Any]) -> Any:
@@ -61,6 +63,8 @@ class Talker:
         self.value = line.get("value", {})
         self.rate = line.get("rate", 0)
         self.stamped = line.get("stamped", False)
+        self.behind_s = line.get("behind_s", 0)
+        self.moves, self.count = line.get("moves", False), 0
         self.end = threading.Event()
         if self.rate:
             threading.Thread(target=self.run, daemon=True).start()
@@ -68,7 +72,11 @@ class Talker:
     def once(self) -> None:
         message = fill(self.kind(), self.value)
         if self.stamped:
-            message.stamp = rospy.get_rostime()
+            header = getattr(message, "header", message)
+            header.stamp = rospy.get_rostime() - rospy.Duration(self.behind_s)
+        if self.moves:
+            self.count += 1
+            message.data = self.count
         self.publisher.publish(message)
 
     def run(self) -> None:
@@ -87,6 +95,11 @@ class Node:
     def simulated(self, line: dict[str, Any]) -> None:
         """Let nodes that begin from now on live by /clock."""
         rospy.set_param("/use_sim_time", True)
+
+    def log(self, line: dict[str, Any]) -> None:
+        """Write a line of a level."""
+        level = {"info": "info", "warning": "warn", "error": "err", "fatal": "fatal"}[line["level"]]
+        getattr(rospy, f"log{level}")(line["text"])
 
     def warn(self, line: dict[str, Any]) -> None:
         rospy.logwarn("as asked")
@@ -140,7 +153,7 @@ class Node:
                     return
                 time.sleep(0.01)
             say(heard=line["name"], value=list(goal.parameter), by="")
-            if line.get("aborts"):
+            if line.get("aborts") or "13" in goal.parameter:
                 server.set_aborted(result(result=line.get("result", 1)), "it does not want to")
             else:
                 server.set_succeeded(result(result=line.get("result", 0)))

@@ -3,7 +3,8 @@
     {"do": "publish", "topic": "/scan", "type": "std_msgs/String", "value": {"data": "x"}, "rate": 10}
     {"do": "subscribe", "topic": "/diagnosis", "type": …}    what comes is printed: {"heard": topic, …}
 
-`raw` instead of `value`: bytes in hexadecimal, whatever the type. `stamped`: a header has the robot's time.
+`raw` instead of `value`: bytes in hexadecimal, whatever the type. `stamped`: a header has the robot's time,
+less `behind_s`. `moves`: a number counts up.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -107,7 +109,11 @@ class Commands:
 
         def once() -> None:
             if line.get("stamped"):
-                message.stamp = self.node.get_clock().now().to_msg()
+                behind = Duration(seconds=line.get("behind_s", 0))
+                header = getattr(message, "header", message)
+                header.stamp = (self.node.get_clock().now() - behind).to_msg()
+            if line.get("moves"):
+                message.data += 1
             publisher.publish(message)
 
         if "rate" in line:
@@ -140,8 +146,47 @@ class Commands:
         self.others[line["name"]] = Managed(line["name"])
         self.executor.add_node(self.others[line["name"]])
 
+    def move(self, line: dict[str, Any]) -> None:
+        """Make a transition of a node with a lifecycle."""
+        getattr(self.others[line["name"]], f"trigger_{line['transition']}")()
+
+    def log(self, line: dict[str, Any]) -> None:
+        """Write a line of a level."""
+        logger, text = self.node.get_logger(), line["text"]
+        {
+            "info": lambda: logger.info(text),  # of one place rclpy takes one level only
+            "warning": lambda: logger.warning(text),
+            "error": lambda: logger.error(text),
+            "fatal": lambda: logger.fatal(text),
+        }[line["level"]]()
+
+    def act(self, line: dict[str, Any]) -> int:
+        """Send a goal, and cancel it if that is asked for; return what became of it."""
+        import time
+
+        from rclpy.action import ActionClient
+        from test_msgs.action import Fibonacci
+
+        def done(future: Any) -> Any:
+            deadline = time.monotonic() + 30
+            while not future.done() and time.monotonic() < deadline:
+                time.sleep(0.01)
+            return future.result()
+
+        client = self.others.setdefault(
+            "to " + line["name"], ActionClient(self.node, Fibonacci, line["name"])
+        )
+        if not client.wait_for_server(30):
+            raise RuntimeError(f"no server {line['name']}")
+        goal = done(client.send_goal_async(Fibonacci.Goal(order=line.get("order", 1))))
+        if line.get("cancel"):
+            done(goal.cancel_goal_async())
+        return int(done(goal.get_result_async()).status)
+
     def serve(self, line: dict[str, Any]) -> None:
-        """An action server that counts as far as it is asked to, or waits until it is cancelled."""
+        """An action server that counts as far as it is asked to, or waits until it is cancelled; a goal of
+        13 is aborted.
+        """
         import time
 
         from rclpy.action import ActionServer, CancelResponse
@@ -155,6 +200,9 @@ class Commands:
             if goal.is_cancel_requested:
                 say(heard=line["name"], value="cancelled")
                 goal.canceled()
+                return Fibonacci.Result()
+            if goal.request.order == 13:
+                goal.abort()
                 return Fibonacci.Result()
             goal.succeed()
             return Fibonacci.Result(sequence=list(range(goal.request.order)))

@@ -25,6 +25,9 @@ MOST_STAMPS = 2048
 EACH_START = re.compile(r"_(?:\d{1,7}_)?\d{12,20}\Z|(?<=static_transform_publisher)_\w{8,20}\Z")
 """What a name ends with that is another one at each start: the process and the time, or a random number."""
 
+GOALS_END = "/_action/status"
+"""How the topic ends on which an action server of ROS 2 tells of its goals."""
+
 
 @dataclass(frozen=True)
 class RosGraph:
@@ -35,6 +38,7 @@ class RosGraph:
     services: Table = field(default_factory=dict)
     types: Mapping[str, str] = field(default_factory=dict)  # of topics, as pkg/Name
     rates_hz: Mapping[str, float] = field(default_factory=dict)  # of topics, where they were measured
+    actions: Table = field(default_factory=dict)  # action servers of ROS 2 -> nodes
 
     @property
     def nodes(self) -> frozenset[str]:

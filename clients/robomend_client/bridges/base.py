@@ -25,6 +25,9 @@ NODES, DIAGNOSTICS = "nodes", "diagnostics"
 ALL_DIAGNOSTICS = "/diagnostics"
 """In any namespace: the aggregator knows none. Drivers may have it remapped into theirs."""
 
+GLOBAL = ("rosout",)
+"""Topics that are the same in any namespace."""
+
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
 
 NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
@@ -115,16 +118,19 @@ class RosBridge(ABC):
         self._unseen = now
         if time.monotonic() - self._publishers_s >= PUBLISHERS_S:
             self._publishers_s = time.monotonic()
-            for topic in self._topics:
+            for topic in self._topics.keys() - now:
                 self._tell_publishers(topic, node.publishers(topic))
 
     def _tell_publishers(self, topic: str, nodes: tuple[str, ...]) -> None:
-        """Deliver who publishes a topic, to those who count its messages, when it has changed."""
+        """Deliver who publishes a topic, when it has changed."""
         if self._deliver is not None and self._publishers.get(topic) != nodes:
             self._publishers[topic] = nodes
-            for source, field in self._topics[topic]:
-                if not field:
-                    self._deliver(source, Publishers(nodes), None)
+            for source, _ in self._topics[topic]:
+                self._deliver(source, Publishers(nodes), None)
+
+    def topic_of(self, name: str) -> str:
+        """Return what ROS calls the topic of a source."""
+        return f"/{name}" if name in GLOBAL else self.names.ros(name)
 
     def _tell_sight(self, topic: str, sight: Contact) -> None:
         if self._deliver is not None:

@@ -226,9 +226,8 @@ def _text_reader(before: Steps, last: str, cdr: bool, after: Steps | None) -> Ex
             _check_end(data, end, after, cdr)
         if cdr:
             at = (at + 3) & ~3
-        return data[origin + at + 4 : origin + end - cdr].decode(
-            errors="replace"
-        )  # CDR's texts end with a zero
+        # CDR's texts end with a zero.
+        return data[origin + at + 4 : origin + end - cdr].decode(errors="replace")
 
     return read
 

@@ -25,8 +25,9 @@ action's answer says nothing about the action, so a verdict never claims to be y
 To add an observer of your own, write a function or a class and name it in the agent's file:
 docs/observers.md, "Your own observer". To add one to robomend:
 
-1. observers/NAME.py: the parameters (a frozen dataclass), the observer; what each parameter is, with its
-   unit, stands in their docstrings, from where editors and the reference have it (docstrings.py);
+1. observers/NAME.py, or that of a kind which it is alike: the parameters (a frozen dataclass), the observer;
+   what each parameter is, with its unit, stands in their docstrings, from where editors and the reference
+   have it (docstrings.py);
 2. observers/kinds.py: a line in KINDS;
 3. docs/observers.md: its section;
 4. tests/clients/observers/test_NAME.py, and an observer in EVERY_KIND of test_kinds.py beside it.
@@ -37,7 +38,7 @@ The schemas in examples/ follow from these; `./dev format` writes them.
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -176,6 +177,15 @@ class Patient(Protocol):
 
         An agent that was held up for longer has it judge anew. Others bear half of their detection delay.
         """
+        ...
+
+
+@runtime_checkable
+class SeesPublishers(Protocol):
+    """An observer that is told who publishes a source of it, where a feed knows."""
+
+    def published_by(self, nodes: Sequence[str], time_ns: int) -> None:
+        """These nodes publish it from now on, once for each publisher."""
         ...
 
 

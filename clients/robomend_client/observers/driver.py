@@ -48,11 +48,11 @@ from robomend_client.observers.base import (
     NoNumber,
     Observer,
     Publishers,
+    SeesPublishers,
     Verdict,
     WrongKind,
 )
 from robomend_client.observers.combining import Change, Combined
-from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
 from robomend_client.observers.problems import ObserverProblem, ObserverProblems
@@ -278,7 +278,7 @@ class Driver:
         return [*changes, *self._looked(route, source, sight)]
 
     def publishers(self, source: str, nodes: Sequence[str], now_ns: int) -> Sequence[Change]:
-        """Say which nodes publish a source: that changes no verdict, and is told beside it."""
+        """Say which nodes publish a source: told beside a verdict on its rate; of some it is the verdict."""
         route = self._routes.get(source)
         if route is None:
             return ()
@@ -286,8 +286,10 @@ class Driver:
         if self._listener is not None:
             self._listener.publishers(self.now_ns, source, nodes)
         for state in route.states:
-            if isinstance(state.observer, GeneralObserver):
-                state.observer.published_by(nodes)
+            if isinstance(state.observer, SeesPublishers):
+                state.observer.published_by(nodes, self.now_ns)
+                if not state.period_ns:
+                    changes = [*changes, *self._ask_now(state)]
         return changes
 
     def restart(self, now_ns: int) -> Sequence[Change]:

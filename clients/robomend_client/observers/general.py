@@ -204,7 +204,7 @@ class GeneralObserver:
         since_ns = self._times[-1 - (reach or intervals)]
         return Evidence(since_ns, None if right else self._last_good_ns(), self._measured(bool(right)))
 
-    def published_by(self, nodes: Sequence[str]) -> None:
+    def published_by(self, nodes: Sequence[str], time_ns: int) -> None:
         """These nodes publish the topic, as far as the graph shows: said in the reading of a bad verdict."""
         self._publishers = tuple(nodes)
 

@@ -58,6 +58,14 @@ KINDS = Registry[Callable[..., Observer]](
         "binary_qualitative": f"{ROOM}.binary_qualitative:BinaryQualitativeObserver",
         "hardware": f"{ROOM}.hardware:HardwareObserver",
         "property": f"{ROOM}.property:PropertyObserver",
+        "goals": f"{ROOM}.goals:GoalsObserver",
+        "rosout": f"{ROOM}.rosout:RosoutObserver",
+        "lifecycle": f"{ROOM}.lifecycle:LifecycleObserver",
+        "changing": f"{ROOM}.freshness:ChangingObserver",
+        "age": f"{ROOM}.freshness:AgeObserver",
+        "publishers": f"{ROOM}.meeting:PublishersObserver",
+        "qos": f"{ROOM}.meeting:QosObserver",
+        "restarts": f"{ROOM}.node:RestartsObserver",
     },
 )
 

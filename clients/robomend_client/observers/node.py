@@ -8,6 +8,9 @@ discovery) is the feeder's business. A feeder that knows more gives a mapping fr
 A table that is older than `lifetime_s` says nothing any more: when the feeder stops, the nodes are unknown,
 and do not run on for ever. So a feeder repeats its table, changed or not.
 
+The restarts observer counts in the same tables how often a node has begun again: ok(restarts,n) while that
+was fewer than `restarts` times, each within `hold_s` of the one before.
+
 Source: the paper, section IV-B; 10 Hz as published.
 """
 
@@ -19,6 +22,7 @@ from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers.base import NOTHING, Evidence, WrongKind, ns, positive
+from robomend_client.observers.incidents import Incidents, check_incidents
 from robomend_client.readings import Reading, Symptom
 
 PROCESSES = "processes"
@@ -118,6 +122,80 @@ class NodeObserver:
         if self._known[node]:
             return Evidence(self._table_ns, None, RUNS)
         return Evidence(self._table_ns, self._ran_ns.get(node), self._why.get(node, NOT_THERE))
+
+
+@dataclass(frozen=True)
+class RestartRules:
+    """How many restarts are too many.
+
+    Attributes:
+        restarts: so many within hold_s are bad.
+        hold_s: without another one it is good again after so many seconds.
+        table: the source of the names of the nodes that run: `processes`, or `nodes` of a bridge.
+    """
+
+    restarts: int = 3
+    hold_s: float = 30.0
+    table: str = PROCESSES
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "ros1": {"table": "nodes"},
+        "ros2": {"table": "nodes"},
+    }
+
+    def __post_init__(self) -> None:
+        check_incidents(self.hold_s, self.restarts, "restarts")
+
+
+class RestartsObserver(Incidents):
+    """Watches how often a node begins again."""
+
+    def __init__(self, atom: str, node: str | None = None, rules: RestartRules | None = None) -> None:
+        """
+        Args:
+            atom: what it speaks of, e.g. `ok(restarts,laser)`; by default the entry's name.
+            node: the node, as the model has it; by default the last name in the atom.
+            rules: how many are too many.
+        """
+        rules = rules or RestartRules()
+        super().__init__(atom, rules.restarts, rules.hold_s)
+        self.node = node or self.atoms[0].args[-1]
+        self.sources = frozenset((rules.table,))
+        self._most = rules.restarts
+        self._ran = False  # ever
+        self._runs: bool | None = None
+        self._why = ""
+
+    def reset(self, time_ns: int) -> None:
+        if time_ns < self._began_ns:
+            self._ran, self._runs, self._why = False, None, ""
+        super().reset(time_ns)
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        if isinstance(value, Mapping):
+            found = value.get(self.node, False)
+        elif isinstance(value, Collection) and not isinstance(value, str | bytes):
+            found = self.node in value
+        else:
+            raise WrongKind("a collection of the names of running nodes is", value)
+        if isinstance(found, Mapping):
+            read = _read(found)
+            if read.symptom is Symptom.HALTED:
+                return  # its process is there
+            self._why, found = str(read.value), False
+        if found is None:
+            return
+        if found and self._runs is False and self._ran:
+            self.incident(time_ns)
+        self._ran = self._ran or found
+        self._runs = found
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        if not self._bad:
+            return self.evidence_of(now_ns, Reading(f"{self.count} restarts", "", f"below {self._most}"))
+        told = f"{self.count} restarts, each within {self.hold_s:g} s"
+        told += f", the last after: {self._why}" if self._why else ""
+        return self.evidence_of(now_ns, Reading(told, "", f"below {self._most}", Symptom.ENDED))
 
 
 def _read(value: Mapping[str, Any]) -> Reading:

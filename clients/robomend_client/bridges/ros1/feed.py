@@ -37,6 +37,7 @@ from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.bridges.ros1.tcpros import LONGEST_MESSAGE
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
 from robomend_client.bridges.telling import ToldTopic
+from robomend_client.observers.meeting import MISMATCHES
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
 
@@ -83,6 +84,8 @@ class Ros1(RosBridge):
             if not NAME.match(name):
                 raise section.error("serve", f"must be names of actions, not {name!r}")
         self._readers = MessageReaders()
+        if MISMATCHES in sources:
+            raise section.error("", "ROS 1 has no qualities of service: there is nothing for kind: qos")
         self._services: dict[str, str] = {}  # source -> service
         for source in sorted(sources - {NODES}):
             if source.startswith(SERVICES):
@@ -92,7 +95,7 @@ class Ros1(RosBridge):
                 self.hear_diagnostics()
                 continue
             topic, field = MEASUREMENTS if is_board(source) else split(source)
-            self._topics.setdefault(self.names.ros(topic), []).append((source, field))
+            self._topics.setdefault(self.topic_of(topic), []).append((source, field))
         self._watches_nodes = NODES in sources
         self._node: RosNode | None = None
 

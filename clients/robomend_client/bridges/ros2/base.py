@@ -28,6 +28,8 @@ from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
 from robomend_client.bridges.ros2.names import ros_type
 from robomend_client.bridges.ros2.stamps import Ages
 from robomend_client.bridges.telling import Outgoing, ToldTopic
+from robomend_client.observers.meeting import MISMATCHES
+from robomend_client.observers.meeting import TABLE_S as MISMATCHES_S
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
 
@@ -88,6 +90,10 @@ class Ros2Node(RosPart, Protocol):
 
     def publish(self, topic: str, kind: str) -> Outgoing:
         """Offer a topic."""
+        ...
+
+    def mismatches(self) -> Mapping[str, str]:
+        """Return the topics of which no message goes from a writer to a reader, and why."""
         ...
 
     @property
@@ -173,13 +179,14 @@ class Ros2Bridge(RosBridge):
         self.messages = tuple(base / folder for folder in section.texts("messages"))
         self._readers = MessageReaders(folders_of(os.environ, self.messages))
         self._ages: dict[Hashable, Ages] = {}
-        for source in sorted(sources - {NODES}):
+        for source in sorted(sources - {NODES, MISMATCHES}):
             if source == DIAGNOSTICS:
                 self.hear_diagnostics()
             else:
                 topic, field = split(source)
-                self._topics.setdefault(self.names.ros(topic), []).append((source, field))
+                self._topics.setdefault(self.topic_of(topic), []).append((source, field))
         self._watches_nodes = NODES in sources
+        self._watches_mismatches = MISMATCHES in sources
         self._node: Ros2Node | None = None
         self._looks = any(field for wanted in self._topics.values() for _, field in wanted)
 
@@ -212,6 +219,8 @@ class Ros2Bridge(RosBridge):
         works = [work] if self._parts is not None else [work, self.read_on()]
         if self._watches_nodes:
             works.append(self._tables(look, untold, node.unheard, deliver))
+        if self._watches_mismatches:
+            works.append(self._meetings(node, deliver))
         if self._parts is not None:
             works += self._with(node, self._parts)
         tasks = [asyncio.create_task(part) for part in works]
@@ -268,6 +277,20 @@ class Ros2Bridge(RosBridge):
                 if table != said or time.monotonic() - said_s >= TABLE_S:
                     deliver(NODES, table, None)
                     said, said_s = table, time.monotonic()
+            await beat(LOOK_S)
+
+    async def _meetings(self, node: Ros2Node, deliver: Deliver) -> None:
+        """Say of which topics no message goes from a writer to a reader: at once when it changes, and now
+        and then.
+        """
+        said: dict[str, str] | None = None
+        said_s = 0.0
+        while True:
+            if not any(True for _ in node.unheard):
+                found = {self.names.ours(topic): why for topic, why in node.mismatches().items()}
+                if found != said or time.monotonic() - said_s >= MISMATCHES_S:
+                    deliver(MISMATCHES, found, None)
+                    said, said_s = found, time.monotonic()
             await beat(LOOK_S)
 
     def _hearing(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from robomend_client.bridges.ros2.entities import Entities
 from robomend_client.bridges.ros2.names import ros_service, ros_topic, ros_type
-from robomend_client.ros_graph import RosGraph
+from robomend_client.ros_graph import GOALS_END, RosGraph
 
 MOST_PARTICIPANTS = 2048
 MOST_ENDPOINTS = 65536
@@ -206,10 +206,13 @@ class Discovered:
         publishers: dict[str, set[str]] = defaultdict(set)
         subscribers: dict[str, set[str]] = defaultdict(set)
         services: dict[str, set[str]] = defaultdict(set)
+        actions: dict[str, set[str]] = defaultdict(set)
         types: dict[str, str] = {}
         for endpoint in self._others():
             node = self.node_of(endpoint)
             topic, service = ros_topic(endpoint.topic), ros_service(endpoint.topic)
+            if topic is not None and endpoint.writes and topic.endswith(GOALS_END):
+                actions[topic.removesuffix(GOALS_END)].add(node)
             if topic is not None and "/_action/" not in topic:
                 (publishers if endpoint.writes else subscribers)[topic].add(node)
                 types[topic] = ros_type(endpoint.type)
@@ -220,6 +223,7 @@ class Discovered:
             {name: frozenset(found) for name, found in subscribers.items()},
             {name: frozenset(found) for name, found in services.items()},
             types,
+            actions={name: frozenset(found) for name, found in actions.items()},
         )
 
     def mismatches(self) -> dict[str, str]:

@@ -93,6 +93,9 @@ class _Named:
     def publishers(self, topic: str) -> tuple[str, ...]:
         return self._node.publishers(topic)
 
+    def mismatches(self) -> dict[str, str]:
+        return self._node.mismatches()
+
     def _handing(self, on_message: OnMessage) -> Callable[[Endpoint, Sample], None]:
         found = self._node.found
 

@@ -112,6 +112,10 @@ class DdsNode:
         """Return the nodes that publish a topic, once for each publisher."""
         return tuple(sorted(map(self.found.node_of, self.found.writers(wire_topic(topic)))))
 
+    def mismatches(self) -> dict[str, str]:
+        """Return the topics of which no message goes from a writer to a reader, and why."""
+        return self.found.mismatches()
+
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled; the caller closes `dds`, in whose place another one may be by then.
 

@@ -16,7 +16,7 @@ from robomend_client.bridges.zenoh.keys import (
     gid,
     parse_token,
 )
-from robomend_client.ros_graph import RosGraph
+from robomend_client.ros_graph import GOALS_END, RosGraph
 
 MOST_TOKENS = 65536
 MOST_NODES = 4096
@@ -99,7 +99,10 @@ class Graph:
         kinds = (PUBLISHER, SUBSCRIBER, SERVER)
         tables: dict[str, dict[str, set[str]]] = {kind: defaultdict(set) for kind in kinds}
         types: dict[str, str] = {}
+        actions: dict[str, set[str]] = defaultdict(set)
         for token in self._tokens.values():
+            if token.kind == PUBLISHER and token.session != self.own and token.topic.endswith(GOALS_END):
+                actions[token.topic.removesuffix(GOALS_END)].add(token.node)
             if token.kind in tables and token.session != self.own and "/_action/" not in token.topic:
                 tables[token.kind][token.topic].add(token.node)
                 if token.kind != SERVER:
@@ -107,7 +110,8 @@ class Graph:
         publishers, subscribers, services = (
             {name: frozenset(found) for name, found in table.items()} for table in tables.values()
         )
-        return RosGraph(publishers, subscribers, services, types)
+        served = {name: frozenset(found) for name, found in actions.items()}
+        return RosGraph(publishers, subscribers, services, types, actions=served)
 
     def mismatches(self) -> dict[str, str]:
         """Return the topics of which no message goes from a publisher to a subscriber, and why.

@@ -73,6 +73,10 @@ class ZenohNode:
         """Return the nodes that publish a topic, once for each publisher."""
         return tuple(sorted(token.node for token in self.graph.publishers(topic)))
 
+    def mismatches(self) -> dict[str, str]:
+        """Return the topics of which no message goes from a publisher to a subscriber, and why."""
+        return self.graph.mismatches()
+
     async def run(self, session: ZenohSession) -> None:
         """Be a node until cancelled."""
         self.graph.own = session.id

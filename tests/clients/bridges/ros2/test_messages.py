@@ -103,7 +103,8 @@ def test_numpy_is_not_loaded_for_a_number_or_a_text_only_for_what_needs_the_whol
         f"m = readers.open('std_msgs/String', '', {said!r}); "
         "print(m.at('data'), 'numpy' in sys.modules); "
         f"m = readers.open('my_msgs/Motor', {type_hash!r}, {body!r}); "
-        "print(m.at('parts.0.name'), 'numpy' in sys.modules)"
+        "print(m.at('parts.0.name'), 'numpy' in sys.modules); "
+        "print(m.at('parts')[0]['name'], 'numpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["hi", "False", "left", "True"]
+    assert done.stdout.split() == ["hi", "False", "left", "False", "left", "True"]
