@@ -109,7 +109,8 @@ class WantedRos2:
 
     def there(self) -> bool:
         """Return whether all of it is installed."""
-        return (self.python.parent.parent / "complete").exists()
+        complete = self.python.parent.parent / "complete"
+        return complete.exists() and complete.read_text() == " ".join(self.packages)
 
     def install(self) -> str:
         """Install it unless it is there; return why it is not, or nothing."""
@@ -143,7 +144,7 @@ class WantedRos2:
                         return (
                             f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
                         )
-            (folder / "complete").touch()
+            (folder / "complete").write_text(" ".join(self.packages))
         return ""
 
 
@@ -173,6 +174,7 @@ KILTED = WantedRos2(
     (
         *("ros-rclpy==9.1.2", "ros-rmw-fastrtps-cpp==9.3.3", "ros-std-msgs==5.5.1", "ros-sensor-msgs==5.5.1"),
         *("ros-diagnostic-msgs==5.5.1", "ros-lifecycle-msgs==2.3.0", "ros-test-msgs==2.3.0"),
+        "ros-std-srvs==5.5.1",
     ),
 )
 JAZZY = WantedRos2(

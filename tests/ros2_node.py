@@ -183,6 +183,42 @@ class Commands:
             done(goal.cancel_goal_async())
         return int(done(goal.get_result_async()).status)
 
+    def offer(self, line: dict[str, Any]) -> None:
+        """Offer a service; what it is asked is printed. It answers with `answer`, or never."""
+        import time
+
+        package, _, short = line["type"].split("/")
+        kind = getattr(importlib.import_module(f"{package}.srv"), short)
+
+        def asked(request: Any, response: Any) -> Any:
+            say(heard=line["name"], value=plain(request))
+            if line.get("value"):  # it also begins to publish
+                self.publish(line["value"])
+            while line.get("never"):
+                time.sleep(0.1)
+            for name, value in line.get("answer", {}).items():
+                setattr(response, name, value)
+            return response
+
+        self.others[line["name"]] = self.node.create_service(kind, line["name"], asked)
+
+    def declare(self, line: dict[str, Any]) -> None:
+        """Have a parameter; what it is set to is printed, and what is above `most` is refused."""
+        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+
+        described = ParameterDescriptor(read_only=line.get("read_only", False))
+        self.node.declare_parameter(line["name"], line["value"], described)
+
+        def checked(parameters: list[Any]) -> Any:
+            for one in parameters:
+                if one.name == line["name"]:
+                    say(heard=one.name, value=one.value)
+                    if "most" in line and one.value > line["most"]:
+                        return SetParametersResult(successful=False, reason="the lens does not do that")
+            return SetParametersResult(successful=True)
+
+        self.node.add_on_set_parameters_callback(checked)
+
     def serve(self, line: dict[str, Any]) -> None:
         """An action server that counts as far as it is asked to, or waits until it is cancelled; a goal of
         13 is aborted.

@@ -159,6 +159,37 @@ def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.Ca
     assert "process laser: laser --device /dev/ttyACM0" in said
 
 
+ASKED = """
+actions:
+  clear: {kind: ros2_service, services: {planner: /planner/clear}, type: std_srvs/srv/Empty}
+  set_fps: {kind: ros2_parameter, nodes: {camera: /camera}, parameter: fps, values: {low: 5}, back: before}
+  bring_up: {kind: lifecycle, nodes: {camera: /camera}, transition: restart}
+  switch: {kind: controllers, managers: {arm: /manager}, activate: [slow], deactivate: [fast]}
+  set_mode: {kind: mode, nodes: {base: /base}, modes: [SLOW]}
+  restart: {kind: component, nodes: {cam: /cam}, container: /box, package: p, plugin: "p::Cam"}
+"""
+
+
+def test_check_says_what_actions_would_send_and_sends_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", "/nowhere")  # nothing can be sent
+    loaded(tmp_path, "robot: r\nservice: {url: 'http://localhost'}\n" + ASKED)
+    assert main([str(tmp_path / "agent.yaml"), "--check"]) == 0
+    said = capsys.readouterr().out
+    for line in (
+        "action clear:planner",
+        "  clear(planner): the service /planner/clear (std_srvs/srv/Empty) is called with {}",
+        "  set_fps(camera, low): the parameter fps of /camera is set to 5",
+        "  set_fps(camera, before): fps of /camera: it was not changed by this agent",
+        "  bring_up(camera): /camera is brought up again",
+        "  switch(arm): /manager activates slow and deactivates fast",
+        "  set_mode(base, SLOW): /base is asked for mode SLOW",
+        "  restart(cam): /box is asked to restart /cam",
+    ):
+        assert f"{line}\n" in said + "\n"
+
+
 def test_the_agent_imports_nothing_that_draws() -> None:
     code = (
         "import sys; from robomend_client.agent import main; main.import_lean()\n"

@@ -18,7 +18,15 @@ from robomend_client.actions import FAILED, OK, REFUSED, Action, ActionResult
 from robomend_client.agent.executors.base import ActionExecutor, Executors
 from robomend_client.agent.executors.kinds import KINDS, ActionSpec, read_actions
 from robomend_client.agent.executors.program import Program
-from robomend_client.agent.executors.ros_programs import Launch, Lifecycle
+from robomend_client.agent.executors.ros_programs import (
+    CallService,
+    ChangeMode,
+    Launch,
+    Lifecycle,
+    LoadComponent,
+    SetParameter,
+    SwitchControllers,
+)
 from robomend_client.agent.executors.systemd import Units
 from robomend_client.agent.executors.usb import ResetUsb
 from robomend_client.yaml_reader import ConfigError, read
@@ -119,15 +127,6 @@ def ros_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("ros_programs")
-def test_a_lifecycle_is_changed_by_the_actions_name_or_by_a_transition(tmp_path: Path) -> None:
-    nodes = {"camera_node": "/front/camera", "other": "/broken"}
-    said = do(Lifecycle("activate", nodes), "camera_node").message
-    assert said.endswith("/ros2|run|robomend_ros|lifecycle|/front/camera|activate|")
-    failed = do(Lifecycle("mend", nodes, "cleanup"), "other")
-    assert (failed.code, failed.message.endswith("lifecycle|/broken|cleanup|")) == (FAILED, True)
-
-
-@pytest.mark.usefixtures("ros_programs")
 @pytest.mark.parametrize(("release", "program"), [("ros1", "roslaunch|"), ("ros2", "ros2|launch|")])
 def test_a_launch_file_is_run_with_its_arguments_which_no_shell_reads(
     tmp_path: Path, release: str, program: str
@@ -143,7 +142,29 @@ def test_a_launch_file_is_run_with_its_arguments_which_no_shell_reads(
     [
         (lambda base: Lifecycle("mend", {"a": "/a"}), "transition must be one of configure, activate"),
         (lambda base: Lifecycle("activate", {}), "nodes must map"),
-        (lambda base: Lifecycle("activate", {"a": "-x"}), "nodes: '-x' must be a node's full name"),
+        (lambda base: Lifecycle("activate", {"a": "-x"}), "nodes: '-x' must be a full name"),
+        (lambda base: CallService("a", {}, "std_srvs/srv/Empty"), "services must map"),
+        (
+            lambda base: CallService("a", {"a": "/a"}, "std_srvs/Empty"),
+            "type must be as std_srvs/srv/Trigger",
+        ),
+        (lambda base: CallService("a", {"a": "/a"}, "a/srv/B", {"x": "{y}"}), "request has a place for {y}"),
+        (lambda base: SetParameter("a", {"a": "/a"}, "p"), "values must map a word to a value"),
+        (
+            lambda base: SetParameter("a", {"a": "/a"}, "p", {"x": "1"}, back="x"),
+            "values, steps and back must",
+        ),
+        (lambda base: SetParameter("a", {"a": "/a"}, "p", steps={"x": "much"}), "steps must map a word"),
+        (lambda base: SetParameter("a", {"a": "/a"}, "p", steps={"x": "1"}), "least and most must bound"),
+        (lambda base: SwitchControllers("a", {"a": "/m"}), "activate must name controllers"),
+        (lambda base: SwitchControllers("a", {"a": "/m"}, ["x"], ["x"]), "deactivate must not name"),
+        (lambda base: ChangeMode("a", {"a": "/m"}, []), "modes must list modes"),
+        (lambda base: LoadComponent("load", {"a": "/a"}, "/box"), "plugin must be named"),
+        (
+            lambda base: LoadComponent("load", {"a": "/a"}, "box", "p", "q"),
+            "container: 'box' must be a full name",
+        ),
+        (lambda base: LoadComponent("mend", {"a": "/a"}, "/box", "p", "q"), "verb must be one of load"),
         (lambda base: Launch("a", "--x", "f", base), "package must be a name, not '--x'"),
         (lambda base: Launch("a", "p", "", base), "file must be a name"),
         (lambda base: Launch("a", "p", "f", base, "ros3"), "release must be one of ros1, ros2, not 'ros3'"),

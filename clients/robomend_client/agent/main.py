@@ -12,6 +12,7 @@ import logging
 import signal
 import sys
 from collections.abc import Sequence
+from itertools import islice, product
 from pathlib import Path
 
 from robomend_client.agent.config import AgentConfig, load
@@ -19,6 +20,9 @@ from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.feeds import MissingExtra
 from robomend_client.buffer import BufferInUse
 from robomend_client.yaml_reader import ConfigError
+
+SHOWN = 100
+"""Choices of parameters of an action of which it is said what would be sent."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,8 +80,11 @@ def describe(config: AgentConfig) -> str:
             f"detection within {observer.detection_s:g} s, settling within {observer.settling_s:g} s"
         )
     lines += [f"process {spec.name}: {' '.join(spec.command)}" for spec in config.processes]
-    can = Executors(config.agent, [action.make() for action in config.actions]).can
-    lines += [f"action {action}" for action in can]
+    for executor in Executors(config.agent, [action.make() for action in config.actions]):
+        lines += [f"action {offer}" for offer in Executors(config.agent, [executor]).can]
+        if (would := getattr(executor, "would", None)) is not None:
+            choices = islice(product(*executor.parameters), SHOWN)
+            lines += [f"  {executor.name}({', '.join(one)}): {would(one)}" for one in choices]
     return "\n".join(lines)
 
 

@@ -153,7 +153,7 @@ def test_a_value_that_stands_an_old_stamp_and_a_second_publisher_are_reported(
     imu.do("publish", topic="/imu", type="std_msgs/Float64", rate=10, moves=True)
     imu.do("publish", topic="/scan", type=STAMPED[robot.origin], rate=10, stamped=True)
     imu.do("publish", topic="/odom", type="std_msgs/Float64", rate=10)
-    observers = {
+    observers: dict[str, dict[str, Any]] = {
         "ok(moves,imu)": {"kind": "changing", "source": "imu:data", "still_s": 1.5},
         "ok(age,scan)": {"kind": "age"},
         "ok(publishers,odom)": {"kind": "publishers"},

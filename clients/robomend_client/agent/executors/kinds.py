@@ -31,7 +31,12 @@ KINDS = Registry[Callable[..., ActionExecutor]](
     {
         "process": f"{ROOM}.program:Program",
         "systemd": f"{ROOM}.systemd:Units",
+        "ros2_service": f"{ROOM}.ros_programs:CallService",
+        "ros2_parameter": f"{ROOM}.ros_programs:SetParameter",
         "lifecycle": f"{ROOM}.ros_programs:Lifecycle",
+        "controllers": f"{ROOM}.ros_programs:SwitchControllers",
+        "mode": f"{ROOM}.ros_programs:ChangeMode",
+        "component": f"{ROOM}.ros_programs:LoadComponent",
         "launch": f"{ROOM}.ros_programs:Launch",
         "reset_usb": f"{ROOM}.usb:ResetUsb",
         "medkit": "robomend_client.bridges.medkit.restart:Restart",

@@ -96,17 +96,37 @@ async def run(
 ) -> ActionResult:
     """Run a program to its end; cancelled, end it and all that it started."""
     try:
-        process = await asyncio.create_subprocess_exec(
-            *command,
-            cwd=directory,
-            env={**os.environ, **(environment or {})},
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.STDOUT,
-            start_new_session=True,
-        )
+        code, said = await ended(command, what, feedback, directory, environment)
     except (OSError, ValueError) as error:
         return ActionResult(FAILED, f"{command[0]} cannot be started: {error}")
+    quoted = f"; its last output: {said[-QUOTED:]}" if said else ""
+    if code == 0:
+        return ActionResult(OK, f"{what} is done{quoted}")
+    how = f"was ended by signal {-code}" if code < 0 else f"failed with exit code {code}"
+    return ActionResult(FAILED, f"{what} {how}{quoted}")
+
+
+async def ended(
+    command: Sequence[str],
+    what: str,
+    feedback: Feedback,
+    directory: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> tuple[int, str]:
+    """Run a program as `run` does; return its exit code and the newest of its output.
+
+    Raises:
+        OSError, ValueError: it cannot be started.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *command,
+        cwd=directory,
+        env={**os.environ, **(environment or {})},
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        start_new_session=True,
+    )
     feedback(1, f"{what} runs as process {process.pid}")
     assert process.stdout is not None
     tail = b""
@@ -116,12 +136,7 @@ async def run(
         code = await process.wait()
     finally:
         await asyncio.shield(_end(process))
-    said = tail.decode("utf-8", "replace").strip()[-QUOTED:]
-    quoted = f"; its last output: {said}" if said else ""
-    if code == 0:
-        return ActionResult(OK, f"{what} is done{quoted}")
-    how = f"was ended by signal {-code}" if code < 0 else f"failed with exit code {code}"
-    return ActionResult(FAILED, f"{what} {how}{quoted}")
+    return code, tail.decode("utf-8", "replace").strip()
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:

@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from robomend_client.agent.executors.ros_programs import Ros2Asking
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.agent.ring import Described
 from robomend_client.beats import beat
@@ -190,6 +191,11 @@ class Ros2Bridge(RosBridge):
         self._node: Ros2Node | None = None
         self._looks = any(field for wanted in self._topics.values() for _, field in wanted)
 
+    @property
+    def environment(self) -> dict[str, str]:
+        """Where the robot's nodes are, for programs of ROS 2."""
+        return {"ROS_DOMAIN_ID": str(self.domain)}
+
     async def import_reader(self) -> None:
         """Import what reads messages, if somebody looks into them."""
         if self._looks:
@@ -234,6 +240,9 @@ class Ros2Bridge(RosBridge):
 
     def _with(self, node: Ros2Node, parts: AgentParts) -> list[Coroutine[Any, Any, None]]:
         """Return what else there is to do as a part of an agent."""
+        for executor in parts.executors:
+            if isinstance(executor, Ros2Asking):
+                executor.attach(self.environment)
         topics = {}
         for name in self.publishes:
             kind, message = TELLS[name]

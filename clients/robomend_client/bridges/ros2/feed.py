@@ -35,6 +35,12 @@ class Ros2(Ros2Bridge):
         self.localhost = section.choice("discovery", ranges, ranges[only_here(os.environ)]) == "localhost"
         self.peers = section.texts("peers")
 
+    @property
+    def environment(self) -> dict[str, str]:
+        here = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        peers = {"ROS_STATIC_PEERS": ";".join(self.peers)} if self.peers else {}
+        return {**super().environment, **(here if self.localhost else {}), **peers}
+
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the domain, and deliver what it hears, until cancelled."""
         await self.import_reader()
