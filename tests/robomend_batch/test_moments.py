@@ -1,4 +1,4 @@
-"""A moment that an agent recorded on a real robot, diagnosed by the batch: what the robot said, when it did."""
+"""A moment that an agent recorded on a real robot, in the batch: the robot's own words, at their times."""
 
 from __future__ import annotations
 
