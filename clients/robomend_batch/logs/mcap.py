@@ -560,7 +560,7 @@ def _declared(
         channel = Channel(
             record.id,
             record.topic.removeprefix("/"),
-            "" if of is None else of.name,
+            "" if of is None else _type_name(of),
             "" if of is None else of.data.decode("utf-8", errors="replace"),
             of is not None and "idl" in of.encoding,
             record.message_encoding != "ros1",
@@ -569,6 +569,12 @@ def _declared(
             raise ReaderError("it declares a topic twice, and otherwise")
     else:
         raise ReaderError(f"a record {operation} in a chunk")
+
+
+def _type_name(schema: Schema) -> str:
+    """Return the name of a type as rosbags has it; ROS 1 leaves out the `msg`."""
+    name = schema.name
+    return name.replace("/", "/msg/", 1) if schema.encoding == "ros1msg" and name.count("/") == 1 else name
 
 
 def _channel(connection: Connection) -> Channel:

@@ -195,17 +195,15 @@ def write(file: Path, topics: Iterable[Recorded], since_ns: int, until_ns: int, 
         marks = writer.register_channel(MARKS, "json", 0)
         messages += ((since_ns, marks, about), (until_ns, marks, about))
         for one in topics:
-            found = [(kept, channels.of(one, kept)) for kept in one.whole if kept.data is not None]
-            if not one.stamps and len(found) == len(one.whole):
-                messages += ((kept.time_ns, number, kept.data or b"") for kept, number in found)
+            found = one.whole
+            if not one.stamps:
+                messages += ((kept.time_ns, channels.of(one, kept), kept.data or b"") for kept in found)
                 continue
-            times = sorted([*one.stamps, *(kept.time_ns for kept in one.whole)])
-            cdr = not found or one.describe(found[0][0].about).encoding == "cdr"
+            times = sorted([*one.stamps, *(kept.time_ns for kept in found)])
+            cdr = not found or one.describe(found[0].about).encoding == "cdr"
             empty = channels.empty(one.name, cdr=cdr)
             messages += ((time_ns, empty, EMPTY_CDR if cdr else b"") for time_ns in times)
-            messages += (
-                (kept.time_ns, channels.of(one, kept, "/kept"), kept.data or b"") for kept, _ in found
-            )
+            messages += ((kept.time_ns, channels.of(one, kept, "/kept"), kept.data or b"") for kept in found)
             notes.append(
                 f"recorded of {one.name}: {len(found)} of {len(times)} messages, of the others the time"
             )
