@@ -52,7 +52,7 @@ SERVICE = (
 )
 """What the template imports; nothing that starts a thread."""
 
-STARTING = ("robomend.workers.process", "robomend_demo.stage")
+STARTING = ("robomend.workers.process", "robomend.cli.stage")
 """Modules whose processes are forked in turn."""
 
 SUPERVISING = "robomend.api.supervising"

@@ -122,6 +122,15 @@ class Commands:
         else:
             publisher.publish(message)
 
+    def relay(self, line: dict[str, Any]) -> None:
+        """Publish on one topic, as soon as something comes on another."""
+        topic, kind = line["to"], load(line["type"])
+        publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, 10)
+        self.node.create_subscription(kind, line["topic"], publisher.publish, quality(line))
+
+    def error(self, line: dict[str, Any]) -> None:
+        self.node.get_logger().error("as asked")
+
     def hush(self, line: dict[str, Any]) -> None:
         self.node.destroy_timer(self.timers.pop(line["topic"]))
 

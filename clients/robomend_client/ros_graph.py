@@ -101,11 +101,15 @@ class Ear:
     """Takes in the messages of one topic; of their times no more than MOST_STAMPS are kept."""
 
     def __init__(self, stamps: Iterable[int] = ()) -> None:
+        self.forget()
+        for time_ns in stamps:
+            self.message(time_ns)
+
+    def forget(self) -> None:
+        """Begin anew."""
         self.count = 0
         self._first_ns = self._last_ns = self._longest_ns = 0
         self._stamps: deque[int] = deque(maxlen=MOST_STAMPS)
-        for time_ns in stamps:
-            self.message(time_ns)
 
     def message(self, time_ns: int) -> None:
         """A message came; one from before the newest counts as having come with it."""
@@ -148,6 +152,7 @@ class Heard:
     lifecycle: Mapping[str, str] = field(default_factory=dict)  # node -> its state as it was said last, or ""
     errors: Mapping[str, int] = field(default_factory=dict)  # node -> lines of its log from ERROR on
     gone: frozenset[str] = frozenset()  # nodes that ended meanwhile, or do not run although they are listed
+    since_ns: Mapping[str, int] = field(default_factory=dict)  # node -> when it was seen first
     remarks: tuple[str, ...] = ()  # what else people should know
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
 

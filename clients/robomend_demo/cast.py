@@ -9,22 +9,20 @@ Ports are free ones, chosen by the system; whoever opens a port announces it. Fi
 from __future__ import annotations
 
 import json
-import os
 import socket
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from robomend.cli.interrupts import Interrupts
+from robomend.cli.stage import Actor, PartFailed, Stage, python, tail
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
 from robomend.resources import resource
 from robomend_client.rest.sync import Client
 from robomend_demo.devices import DeviceFault
-from robomend_demo.interrupts import Interrupts
 from robomend_demo.robot import agent_config, devices_config, nodes_config
-from robomend_demo.stage import Actor, DemoFailed, Stage, tail
 
 ROBOT = "tedusar"
 PC_CHANNEL = 2
@@ -50,7 +48,7 @@ class Board:
         """Move a relay although no client asked: power lost, or given back.
 
         Raises:
-            DemoFailed: the emulator did not do it.
+            PartFailed: the emulator did not do it.
         """
         _ask("the board emulator", self.control_port, {"set": {"channel": channel, "on": on}})
 
@@ -66,7 +64,7 @@ class Devices:
         """Let something be wrong with a device.
 
         Raises:
-            DemoFailed: the simulation did not do it.
+            PartFailed: the simulation did not do it.
         """
         _ask("the simulation of the devices", self.fault_port, {"device": device, "fault": fault})
 
@@ -147,7 +145,7 @@ def gather(stage: Stage, folder: Path, robot: DemoRobot, *, all_on: bool) -> Cas
         all_on: whether the robot's channels are on from the beginning.
 
     Raises:
-        DemoFailed: a part did not become ready, with the end of its log.
+        PartFailed: a part did not become ready, with the end of its log.
     """
     model = robot.model
     channels = {device.channel for device in model.hardware.values() if device.channel is not None}
@@ -193,7 +191,7 @@ def wait_for_devices(cast: Cast, interrupts: Interrupts, timeout_s: float) -> No
     """Wait until every device takes connections: the drivers look for theirs once, when they start.
 
     Raises:
-        DemoFailed: one is not there in time.
+        PartFailed: one is not there in time.
     """
     missing = set(cast.devices.addresses)
     look = interrupts.poll(timeout_s)
@@ -201,7 +199,7 @@ def wait_for_devices(cast: Cast, interrupts: Interrupts, timeout_s: float) -> No
         missing = {name for name in missing if not _accepts(cast.devices.addresses[name])}
     if missing:
         log = tail(cast.actors["devices"].log)
-        raise DemoFailed(
+        raise PartFailed(
             f"the simulated {', '.join(sorted(missing))} took no connection within {timeout_s:g} s; "
             f"the devices' log ends:\n{log}"
         )
@@ -211,16 +209,16 @@ def _ask(whom: str, port: int, request: Mapping[str, Any]) -> None:
     """Send a line of JSON to a control port of ours, and wait for its answer.
 
     Raises:
-        DemoFailed: there is none, or it says no.
+        PartFailed: there is none, or it says no.
     """
     try:
         with socket.create_connection(("127.0.0.1", port), CONTROL_S) as connection:
             connection.sendall(json.dumps(request).encode() + b"\n")
             answer = json.loads(connection.makefile().readline() or '{"error": "it hung up"}')
     except OSError as error:
-        raise DemoFailed(f"{whom} does not answer: {error}") from error
+        raise PartFailed(f"{whom} does not answer: {error}") from error
     if not answer.get("ok"):
-        raise DemoFailed(f"{whom} did not do {json.dumps(request)}: {answer.get('error')}")
+        raise PartFailed(f"{whom} did not do {json.dumps(request)}: {answer.get('error')}")
 
 
 def _accepts(address: str) -> bool:
@@ -230,21 +228,6 @@ def _accepts(address: str) -> bool:
     except OSError:
         return False
     return True
-
-
-def python(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs one of our modules with this interpreter, wherever it is installed."""
-    return [sys.executable, "-m", module, *arguments]
-
-
-def environment() -> dict[str, str]:
-    """Return the environment of all parts: ours, without settings that are meant for another service.
-
-    ROBOMEND_DATABASE of a real installation must not make the demo write there. PYTHONSAFEPATH keeps files of
-    the current folder from being taken for modules.
-    """
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("ROBOMEND_")}
-    return {**kept, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1"}
 
 
 def _write(file: Path, value: dict[str, Any]) -> Path:

@@ -70,7 +70,7 @@ def command(wanted: tuple[str, ...], domain: str, hold: bool, page: bool, report
     """
     from rich.console import Console
 
-    from robomend_demo.interrupts import Interrupted, Interrupts
+    from robomend.cli.interrupts import Interrupted, Interrupts
     from robomend_demo.report import demo_json, invitation, summary, usable, write
     from robomend_demo.run import Wanted, run
 

@@ -19,6 +19,8 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
+from robomend.cli.interrupts import Interrupts
+from robomend.cli.stage import PartFailed, Stage, tail
 from robomend_client.events import Kind
 from robomend_client.rest.calls import post
 from robomend_client.rest.errors import ClientError
@@ -34,11 +36,9 @@ from robomend_demo.cast import (
     wait_for_devices,
 )
 from robomend_demo.devices import DeviceFault
-from robomend_demo.interrupts import Interrupts
 from robomend_demo.record import Heard, Record, record
 from robomend_demo.scenarios import DEAD_LIDAR, HUNG_DEVICE, POWER_UP, SHUT_DOWN, Scenario
 from robomend_demo.screen import Screen
-from robomend_demo.stage import DemoFailed, Stage, tail
 from robomend_demo.view import RobotView
 
 # --- follows the service's events on a thread, so that each has the time at which it came.
@@ -195,7 +195,7 @@ class Play:
             self._stage.check()
         thread.join(1.0)
         if not answer.done():
-            raise DemoFailed(f"the service gave no answer within {2 * READY_S:g} s; {self._logs('service')}")
+            raise PartFailed(f"the service gave no answer within {2 * READY_S:g} s; {self._logs('service')}")
         return answer.result()
 
     def _begin(self, name: str) -> int:
@@ -218,7 +218,7 @@ class Play:
             return False
         if repair["state"] != "repaired":
             ended = f"the repair ended as {repair['state']!r}: {repair['reason']}"
-            raise DemoFailed(f"{ended}; {self._logs('agent', 'service')}")
+            raise PartFailed(f"{ended}; {self._logs('agent', 'service')}")
         quiet_s = (time.time_ns() - repair["finished_ns"]) / 1e9
         return self._view.healthy and bool(repair["rounds"]) and quiet_s >= SETTLED_S
 
@@ -226,14 +226,14 @@ class Play:
         """Watch until the condition holds.
 
         Raises:
-            DemoFailed: it does not in time, or a part ended; says what is known and shows the right log.
+            PartFailed: it does not in time, or a part ended; says what is known and shows the right log.
         """
         look = self._interrupts.poll(timeout_s)
         while look.left():
             self._look()
             if condition():
                 return
-        raise DemoFailed(f"waited {timeout_s:g} s for {what}: {self._known()}")
+        raise PartFailed(f"waited {timeout_s:g} s for {what}: {self._known()}")
 
     def _look(self) -> None:
         for heard in self._listener.take():
@@ -243,7 +243,7 @@ class Play:
         self._screen.refresh(self._view)
         self._stage.check()
         if self._listener.lost is not None:
-            raise DemoFailed(f"the service's events ended: {self._listener.lost}; {self._logs('service')}")
+            raise PartFailed(f"the service's events ended: {self._listener.lost}; {self._logs('service')}")
 
     def _known(self) -> str:
         view = self._view

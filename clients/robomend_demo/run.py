@@ -6,23 +6,21 @@ import contextlib
 import fcntl
 import os
 import shutil
-import sys
 import tempfile
-import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from robomend.cli.interrupts import Interrupted, Interrupts
+from robomend.cli.stage import PartFailed, Stage, environment, show
 from robomend.resources import resource
 from robomend_client.rest.errors import ClientError
-from robomend_demo.cast import ROBOT, Cast, DemoRobot, environment, gather, tedusar, tedusar_with_spare
-from robomend_demo.interrupts import Interrupted, Interrupts
+from robomend_demo.cast import ROBOT, Cast, DemoRobot, gather, tedusar, tedusar_with_spare
 from robomend_demo.play import Play
 from robomend_demo.report import Told
 from robomend_demo.scenarios import POWER_UP, Scenario
 from robomend_demo.screen import Screen
-from robomend_demo.stage import DemoFailed, Stage
 
 PREFIX = "robomend-demo-"
 LOCK = "lock"
@@ -60,7 +58,7 @@ def run(
     """Play the scenarios, hand their figures to `done`, and hold if that is wanted.
 
     Raises:
-        DemoFailed: a part did not start, or a scenario did not come to its end.
+        PartFailed: a part did not start, or a scenario did not come to its end.
         Interrupted: a signal came before `done`. One that ends the holding is no error.
     """
     all_on = POWER_UP not in wanted.scenarios
@@ -92,25 +90,19 @@ def page_of(cast: Cast) -> str:
     return f"{cast.url}/ui/robots/{ROBOT}"
 
 
-def show(address: str) -> None:
-    """Open a page where there is a desktop: a browser in the terminal would take the picture's place."""
-    if sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
-        webbrowser.open(address)
-
-
 @contextmanager
 def blaming_the_dead(stage: Stage) -> Iterator[None]:
     """Name a part that ended rather than what followed from its end, which is often noticed first.
 
     Raises:
-        DemoFailed: a part ended, or what had failed inside.
+        PartFailed: a part ended, or what had failed inside.
     """
     try:
         yield
-    except (DemoFailed, ClientError) as error:
+    except (PartFailed, ClientError) as error:
         stage.check(within_s=DEATH_SHOWS_S)
         if isinstance(error, ClientError):
-            raise DemoFailed(f"the service did not do as asked: {error}") from error
+            raise PartFailed(f"the service did not do as asked: {error}") from error
         raise
 
 

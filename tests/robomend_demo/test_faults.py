@@ -13,11 +13,10 @@ import pytest
 from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import eventually
 
+from robomend.cli.interrupts import Interrupts
+from robomend.cli.stage import Stage, environment, python
 from robomend_client.rest.sync import Client
-from robomend_demo.cast import environment, python
-from robomend_demo.interrupts import Interrupts
 from robomend_demo.record import FINAL
-from robomend_demo.stage import Stage
 
 MODEL = """
 robomend: 1

@@ -28,6 +28,7 @@ from robomend_batch.logs.wanted import WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
+from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name
 
 MOST_TIMES = 5_000_000
 MOST_VALUES = 20_000
@@ -40,6 +41,9 @@ TICK_NS = SECOND // 5
 """That of the observer that compares two values."""
 
 DIAGNOSTICS, STATUS = WHOLE["diagnostics"]
+
+UNNAMED = "/publisher_of_"
+"""The node of a topic whose publisher no log names; the topic follows."""
 
 DISCOVERY = "ros_discovery_info"
 """Of ROS 2: which nodes there are. What they publish it says by numbers that no recording explains."""
@@ -172,6 +176,50 @@ def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: No
         on_log(name)
     found.stretches = cut(found.spans_ns)
     return found
+
+
+def heard_of(found: Gathered) -> Heard:
+    """Return what logs hold as if somebody had listened, one log after the other, a moment apart."""
+    begins: list[int] = []
+    end_ns = 0
+    for start_ns, stop_ns in found.spans_ns:
+        begins.append(end_ns - start_ns)
+        end_ns += stop_ns - start_ns
+    topics, publishers = {}, {}
+    for name, topic in found.topics.items():
+        ear = Ear()
+        for log, ahead_ns in enumerate(begins):
+            for time_ns in topic.of_log(log).tolist():
+                ear.message(time_ns + ahead_ns)
+        topics[f"/{name}"] = ear.heard()
+        named = topic.publishers or {UNNAMED + name}
+        publishers[f"/{name}"] = frozenset(map(lasting_name, named))
+    graph = RosGraph(
+        publishers, types={f"/{name}": sorted(topic.types)[0] for name, topic in found.topics.items()}
+    )
+    statuses = {
+        name: HeardStatus(
+            frozenset(int(level) for levels in status.levels.values.values() for level in levels),
+            frozenset(map(lasting_name, status.publishers)),
+            Ear(
+                sorted(
+                    time_ns + begins[log] for log, times in status.levels.times.items() for time_ns in times
+                )
+            ).heard(),
+        )
+        for name, status in found.statuses.items()
+    }
+    names = ", ".join(Path(name).name for name in found.names[:3])
+    origin = "ros1" if any(".bag" in Path(name).suffixes for name in found.names) else "ros2"
+    return Heard(
+        graph,
+        f"the recordings {names}",
+        end_ns / SECOND,
+        end_ns,
+        topics,
+        statuses,
+        origin={origin: {}},
+    )
 
 
 @contextmanager

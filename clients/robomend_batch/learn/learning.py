@@ -14,7 +14,7 @@ from robomend.errors import InputError
 from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
-from robomend_batch.learn.gathering import DIAGNOSTICS, Gathered, Series, gather
+from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Gathered, Series, gather
 from robomend_batch.learn.matches import learn_matches
 from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
@@ -138,7 +138,7 @@ class _Parts:
             series |= {f"{name}:{path}": one for path, one in found.topics[name].fields.items() if one.count}
         self.matches = learn_matches(series, node_of, learned)
         # The shares depend on how many observers there are: so delays are learned twice.
-        unnamed = frozenset(name for name in topics if node_of[name].startswith(model.UNNAMED))
+        unnamed = frozenset(name for name in topics if node_of[name].startswith(UNNAMED))
         self.delays: list[DelayFound]
         self.delays, _ = learn_delays(pieces, node_of, learned_h, per_hour, unnamed)
         telemetry = [

@@ -8,13 +8,10 @@ from dataclasses import dataclass, field
 from robomend.model.from_graph import is_plumbing, model_from_graph
 from robomend.model.loading import load_text
 from robomend_batch.learn.delays import DelayFound
-from robomend_batch.learn.gathering import DIAGNOSTICS, Topic
+from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Topic
 from robomend_batch.learn.words import comment, word
 from robomend_client.literals import holds
 from robomend_client.ros_graph import RosGraph
-
-UNNAMED = "/publisher_of_"
-"""The node of a topic whose publisher no log names; the topic follows."""
 
 REPLAYED = "/play_"
 

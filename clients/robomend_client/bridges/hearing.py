@@ -74,7 +74,7 @@ class Hearing(ABC):
         self._status_publishers: dict[str, set[str]] = {}
         self._errors: Counter[str] = Counter()
         self._states: dict[str, str] = {}
-        self._seen: set[str] = set()
+        self._seen_ns: dict[str, int] = {}  # node -> when it was seen to run first
         self._runs: Mapping[str, bool | None] = {}
         self._began_s = time.monotonic()
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
@@ -90,6 +90,14 @@ class Hearing(ABC):
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         await self._listen()
 
+    def begin(self) -> None:
+        """What came by now came while the robot was being found: only what is latched stays."""
+        self._began_s = time.monotonic()
+        latched = self._latched()
+        for topic, ear in self.ears.items():
+            if topic not in latched:
+                ear.forget()
+
     def heard(self) -> Heard:
         """Return what was heard so far."""
         seconds = time.monotonic() - self._began_s
@@ -98,7 +106,7 @@ class Hearing(ABC):
         runs: dict[str, bool] = {}
         for name, one in self._runs.items():
             runs[lasting_name(name)] = runs.get(lasting_name(name), False) or one is not False
-        known = self._seen | runs.keys() if self._runs else set()
+        known = self._seen_ns.keys() | runs.keys() if self._runs else set()
         gone = {node for node in known if not runs.get(node, False)}
         graph = self.graph.renamed()
         jump_s = (time.time_ns() - time.monotonic_ns() - self._ahead_ns) / 1e9
@@ -123,6 +131,7 @@ class Hearing(ABC):
             self._lifecycle(graph),
             dict(self._errors),
             frozenset(gone),
+            dict(self._seen_ns),
             tuple(remarks),
             {name: dict(keys) for name, keys in self._origin.items()},
         )
@@ -148,7 +157,9 @@ class Hearing(ABC):
         """This is the graph now; return the topics to listen to as well."""
         self.graph = graph
         self._runs = runs
-        self._seen.update(lasting_name(name) for name, one in runs.items() if one)
+        for name, one in runs.items():
+            if one:
+                self._seen_ns.setdefault(lasting_name(name), self.now_ns())
         new = sorted(graph.publishers.keys() - self.ears.keys() - NOT_HEARD - self._known)
         new = new[: MOST_TOPICS - len(self.ears)]
         for topic in new:

@@ -71,7 +71,7 @@ SLOWER, FASTER = 0.4, 0.6
 """Of the rate: how far it may stray."""
 
 WINDOW_S, LEAST_WINDOW = 3.0, 10
-VERDICT_S = 5.0
+VERDICT_S = 3.0
 """A first verdict takes no longer, if more than one interval fits in there."""
 
 SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 1.0, 10, 3
@@ -82,7 +82,7 @@ IRREGULAR = 100.0
 UNEVEN = 0.6
 """A median interval that is less of the mean one: its messages come in bursts, and only silence is told."""
 
-LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 2.0, 10, 3
+LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 3.0, 10, 3
 """An output that went on, for so many messages, through such a pause of an input does not rest on it."""
 
 MANY_INPUTS = 4
@@ -276,7 +276,7 @@ class _Draft:
     def _topics(self, gone: set[str]) -> dict[str, str]:
         """Return the topics that the model speaks of, each with its one publisher."""
         found = {}
-        for topic, publishers in self.graph.publishers.items():
+        for topic, publishers in sorted(self.graph.publishers.items()):
             ours = [node for node in publishers if node not in gone and not _is_any_of(node, TOOLS)]
             if len(ours) == 1 and not _is_aside(topic, self.graph):
                 found[topic] = ours[0]
@@ -317,7 +317,7 @@ class _Draft:
             rests_on = {topic: self._inputs(node, topic, inputs) for topic in outputs}
             if not inputs:
                 hint = "listens to nothing: probably a driver; of which device?"
-                if self.listened:
+                if any(topic in self.steady for topic in outputs):
                     self.asked.append(f"which device does {node.removeprefix('/')} drive, if any?")
             elif not self.listened:
                 hint = "all that it publishes rests on all that it listens to: strike out what does not"
@@ -457,6 +457,11 @@ def _is_name(name: str) -> bool:
     return name.isprintable() and bool(name.strip("/")) and len(name) <= MAX_NAME
 
 
+def is_tool(node: str) -> bool:
+    """Whether a node comes and goes with whoever looks at the robot."""
+    return _is_any_of(node, TOOLS)
+
+
 def is_plumbing(topic: str) -> bool:
     """Whether a topic is one of ROS itself, or ours."""
     return _is_any_of(topic, PLUMBING)
@@ -475,7 +480,7 @@ def _rate(rate_hz: float) -> str:
 
 
 def _s(seconds: float) -> str:
-    return f"{seconds * 1000:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
+    return f"{seconds * 1000:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
 
 
 # --- names as YAML and comments have them -----------------------------------------------------------------

@@ -44,7 +44,13 @@ class Described:
     board: tuple[str, int] | None = None  # host, port
     url: str = URL
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+    bus: str | None = None  # where the agent's is; None: in its own folder
     heard: Heard | None = None  # where a robot was listened to, or its graph read
+
+
+def model_file(robot: str) -> str:
+    """Return the name of a robot's model: `robot.yaml` and `agent.yaml` are other files."""
+    return f"{robot}-model.yaml" if robot in ("robot", "agent") else f"{robot}.yaml"
 
 
 def files_of(described: Described) -> dict[str, str]:
@@ -53,7 +59,7 @@ def files_of(described: Described) -> dict[str, str]:
     Raises:
         InputError: what was said does not fit together, with the words of the reader.
     """
-    name = f"{described.robot}.yaml"
+    name = model_file(described.robot)
     first = None if described.heard is None else first_model(described.heard, described.robot)
     model = model_text(described) if first is None else first.text
     model = schema_line("model") + model
@@ -118,6 +124,8 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
         f"robot: {said.robot}",
         f"service: {{url: {json.dumps(said.url)}, key_env: ROBOMEND_KEY}}",
     ]
+    if said.bus is not None:
+        lines.append(f"bus: {{listen: {json.dumps(said.bus)}}}")
     for origin, keys in said.origin.items():
         lines += [f"{origin}: {json.dumps(keys)}", f"rate: {{from: {origin}}}"]
     if said.heard is not None and said.heard.seconds and first is not None:
@@ -187,12 +195,15 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     """Return the robot's configuration: what it follows, and what the service should hear of."""
     heard = said.heard is not None and said.heard.seconds > 0
     lines = [
-        f"# For robomend robot put {said.robot} robot.yaml --model {said.robot}.yaml; fields: docs/http.md.",
+        f"# For robomend robot put {said.robot} robot.yaml --model {model_file(said.robot)}: docs/http.md.",
         f"model: {said.robot}",
         f"policy: {'observe' if heard else 'approve'}               "
         "# observe: never act; approve: a person says yes; auto",
     ]
     if heard and first is not None:
+        lines.append(
+            "debounce_s: 1                 # what follows from a fault comes a moment after it, or before"
+        )
         quick = [t for t, steady in first.watched.items() if steady.settle <= OBSERVED_S * steady.rate_hz]
         observed = [str(holds("ok", name)) for name in (*quick, *first.statuses)]
         observed += [str(holds("running", node)) for node in first.nodes if said.origin]

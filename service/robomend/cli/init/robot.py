@@ -60,7 +60,7 @@ def command(
         --node detector=people --needs people=image
     robomend init robot rover --ros2 0
     """
-    from robomend.cli.init.described import Described, files_of
+    from robomend.cli.init.described import Described, files_of, model_file
     from robomend.cli.init.writing import write_new
     from robomend.cli.schema import FILES, schema_name, schema_text
     from robomend.model.checking import check
@@ -102,7 +102,7 @@ def command(
     # Schemas are of this installation, not of the robot: those of another one beside it do as well.
     missing = {name: text for name, text in schemas.items() if not (folder / name).exists()}
     write_new(folder, {**files, **missing})
-    model = f"{robot}.yaml"
+    model = model_file(robot)
     for doubt in check(load_text(files[model], file=model)):
         click.echo(f"{model}: {doubt}", err=True)
     click.echo(

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from robomend_demo.interrupts import Interrupted, Interrupts
+from robomend.cli.interrupts import Interrupted, Interrupts
 
 
 def test_a_signal_ends_a_wait_and_every_wait_after_it() -> None:

@@ -19,7 +19,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(Exception):
-    """Somebody wants the demo to end: a signal came."""
+    """Somebody wants the command to end: a signal came."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)

@@ -1,7 +1,7 @@
-"""The processes of a demo: told apart by their logs, and all gone at the end.
+"""Processes that a command starts: told apart by their logs, and all gone at the end.
 
-Each process leads a session of its own, so that Ctrl-C reaches the demo alone, which then ends the others;
-and each dies with the demo (PR_SET_PDEATHSIG), so that kill -9 of the demo leaves nothing behind either.
+Each process leads a session of its own, so that Ctrl-C reaches the command alone, which then ends the others;
+and each dies with the command (PR_SET_PDEATHSIG), so that kill -9 of that leaves nothing behind either.
 """
 
 from __future__ import annotations
@@ -12,25 +12,27 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
+import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from robomend.cli.interrupts import Interrupts
 from robomend.errors import BackendError
-from robomend_demo.interrupts import Interrupts
 
 PR_SET_PDEATHSIG = 1
 GRACE_S = 4.0
 """For all processes to end by themselves after SIGTERM."""
 
 
-class DemoFailed(BackendError):
-    """A part of the demo did not start, or its scenario did not come to its end."""
+class PartFailed(BackendError):
+    """A part did not start, or did not come to its end."""
 
-    code = "demo-failed"
+    code = "part-failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,7 @@ class Stage:
                 stderr=stream,
                 env=self._environment,
                 start_new_session=True,
-                preexec_fn=lambda: die_with(parent),  # safe: the demo has no other thread yet
+                preexec_fn=lambda: die_with(parent),  # safe: no other thread of Python runs
             )
         actor = Actor(name, process, log)
         self._actors.append(actor)
@@ -83,7 +85,7 @@ class Stage:
         """Wait for the one line of JSON that a process prints when it is ready (its ports, say).
 
         Raises:
-            DemoFailed: it ended, or the line did not come in time; with the end of its log.
+            PartFailed: it ended, or the line did not come in time; with the end of its log.
         """
         pipe = actor.process.stdout
         assert pipe is not None
@@ -94,15 +96,15 @@ class Stage:
             chunk = os.read(pipe.fileno(), 1 << 16) if ready else b""
             if not chunk:
                 why = f"was not ready within {timeout_s:g} s" if not ready else "ended before it was ready"
-                raise DemoFailed(f"{actor.name} {why}; its log ends:\n{tail(actor.log)}")
+                raise PartFailed(f"{actor.name} {why}; its log ends:\n{tail(actor.log)}")
             line += chunk
         try:
             return dict(json.loads(line.splitlines()[0]))
         except ValueError as error:
-            raise DemoFailed(f"{actor.name} announced {line[:200]!r}, which is no JSON") from error
+            raise PartFailed(f"{actor.name} announced {line[:200]!r}, which is no JSON") from error
 
     def check(self, within_s: float = 0.0) -> None:
-        """Raise DemoFailed if any process has ended by itself, or does so `within_s` from now."""
+        """Raise PartFailed if any process has ended by itself, or does so `within_s` from now."""
         deadline = time.monotonic() + within_s
         self._check()
         while time.monotonic() < deadline:
@@ -114,7 +116,14 @@ class Stage:
             status = actor.process.poll()
             if status is not None:
                 how = f"was ended by signal {-status}" if status < 0 else f"ended with exit code {status}"
-                raise DemoFailed(f"{actor.name} {how} in the middle; its log ends:\n{tail(actor.log)}")
+                raise PartFailed(f"{actor.name} {how} in the middle; its log ends:\n{tail(actor.log)}")
+
+    def end(self, actor: Actor) -> None:
+        """End one process, with what it started itself."""
+        others = [one for one in self._actors if one is not actor]
+        self._actors = [actor]
+        self.clear()
+        self._actors = others
 
     def clear(self) -> None:
         """End all processes, each with what it started itself."""
@@ -130,6 +139,27 @@ class Stage:
             if actor.process.stdout is not None:
                 actor.process.stdout.close()
             self._actors.pop()
+
+
+def python(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs one of our modules with this interpreter, wherever it is installed."""
+    return [sys.executable, "-m", module, *arguments]
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of all parts: ours, without settings that are meant for another service.
+
+    ROBOMEND_DATABASE of a real installation must not make what is started write there. PYTHONSAFEPATH keeps
+    files of the current folder from being taken for modules.
+    """
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("ROBOMEND_")}
+    return {**kept, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1"}
+
+
+def show(address: str) -> None:
+    """Open a page where there is a desktop: a browser in the terminal would take the picture's place."""
+    if sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        webbrowser.open(address)
 
 
 _libc = ctypes.CDLL(None, use_errno=True)  # loaded here: the child between fork and exec must not import

@@ -1,0 +1,683 @@
+"""`robomend attach`: from a running robot, or its recordings, to the first true word.
+
+find ──► listen ──► draft ──► files in DIR ──► service, agent ──► the page
+                                                    │
+                        nodes and topics that come later and are steady: joined
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import difflib
+import fcntl
+import logging
+import os
+import re
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.errors import BackendError, InputError
+
+if TYPE_CHECKING:
+    from robomend.cli.interrupts import Interrupts
+    from robomend.cli.stage import Stage
+    from robomend_client.bridges.hearing import Hearing
+    from robomend_client.ros_graph import Heard, Table
+
+FROM_ENVIRONMENT = "environment"
+"""The value of --ros1 and --ros2 without one."""
+
+DEFAULT_PORT = 8600
+FIND_S, FIND_MOST_S = 3.0, 12.0
+"""Who is there is found after so long; on a busy network, or of a robot that is just starting, later."""
+
+SERVICE_S = 120.0
+SHOW_S = 0.5
+LOOK_S = 0.5
+JOIN_LOOK_S = 5.0
+ROWS = 24
+LINES_S = 10.0
+"""Between two lines where there is no terminal to draw on."""
+
+LONGEST_FOLDER = 60
+"""Below it fits the path of a Unix socket."""
+
+CLOSE = 0.1
+"""Of a number: the same robot, listened to again, gives no other files for less."""
+
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
+
+VARIABLES = (
+    *("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"),
+    *("RMW_IMPLEMENTATION", "CYCLONEDDS_URI", "ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"),
+)
+"""Of the environment: by them a robot is found, or is not."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What was asked for."""
+
+    folder: Path
+    name: str
+    seconds: float
+    ros1: str | None
+    ros2: str | None
+    namespace: str
+    url: str | None
+    key: str | None
+    update: bool
+
+
+@click.command("attach", short_help="Watch a running robot; nothing need be written before.")
+@click.argument("folder", metavar="[DIR]", required=False, type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--ros1", metavar="[URI]", is_flag=False, flag_value=FROM_ENVIRONMENT, help="Only a robot with ROS 1."
+)
+@click.option(
+    "--ros2", metavar="[DOMAIN]", is_flag=False, flag_value=FROM_ENVIRONMENT, help="Only a robot with ROS 2."
+)
+@click.option(
+    "--bag",
+    "bags",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True),
+    help="Healthy recordings instead (.bag, .mcap, .db3); repeatable. Files are written, nothing is started.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(5, 86400),
+    default=60,
+    show_default=True,
+    help="How long to listen; longer is calmer.",
+)
+@click.option("--name", help="The robot's name.  [default: DIR's]")
+@click.option("--namespace", default="/", help="Only the nodes in here, of several robots in one domain.")
+@click.option("--url", envvar="ROBOMEND_URL", help="A service that runs, instead of one of its own.")
+@click.option("--key", envvar="ROBOMEND_KEY", help="Of role operator, for --url.")
+@click.option("--update", is_flag=True, help="Write what has changed into files that are there.")
+def command(
+    folder: Path | None,
+    ros1: str | None,
+    ros2: str | None,
+    bags: tuple[Path, ...],
+    seconds: float,
+    name: str | None,
+    namespace: str,
+    url: str | None,
+    key: str | None,
+    update: bool,
+) -> int:
+    """Find a running robot, listen to it, and watch it from then on.
+
+    Its model, its agent's file and its configuration are written into DIR; then the service and the agent are
+    started, which only observe. Ctrl-C ends both. The robot should be healthy while it is listened to: what
+    looked odd is asked.
+
+    \b
+    robomend attach
+    robomend attach --ros2 7 rover
+    robomend attach --bag good.mcap rover
+    """
+    from robomend.cli.init.described import model_file
+    from robomend.cli.init.robot import ROBOT
+    from robomend.cli.interrupts import Interrupted, Interrupts
+
+    if (ros1 is not None) + (ros2 is not None) + bool(bags) > 1:
+        raise click.UsageError("give one of --ros1, --ros2 and --bag")
+    folder = folder or Path(name or "robot")
+    known = _robot_of(folder)
+    if known and name and name != known:
+        raise InputError(f"{folder} has the files of {known!r}, not of {name!r}: name another folder")
+    robot = known or name or folder.resolve().name
+    if not ROBOT.match(robot):
+        raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most); see --name")
+    wanted = Wanted(folder, robot, seconds, ros1, ros2, namespace, url, key, update)
+    if bags:
+        _write(wanted, heard_of_bags(bags).within(namespace), _url(wanted))
+        files = f"-m {folder / model_file(robot)} --observers {folder / 'agent.yaml'}"
+        click.echo(f"next: robomend-batch run LOGS {files}")
+        return 0
+    with Interrupts() as interrupts, _alone(folder):
+        attached = _Attached(wanted, interrupts)
+        try:
+            attached.run()
+        except Interrupted as interrupted:
+            click.echo("ended: all that was started is gone", err=True)
+            return 0 if attached.watches else 128 + interrupted.number
+    return 0
+
+
+# --- the whole --------------------------------------------------------------------------------------------
+
+
+class _Attached:
+    """One robot, from finding it to the end."""
+
+    def __init__(self, wanted: Wanted, interrupts: Interrupts) -> None:
+        self.wanted = wanted
+        self.watches = False
+        self._interrupts = interrupts
+        self._began_s = time.monotonic()
+        self._written: dict[str, str] = {}  # file -> what we wrote
+
+    def run(self) -> None:
+        """Find, listen, write, start, watch; until a signal comes."""
+        from robomend.cli.stage import Stage, environment, python, show
+
+        wanted = self.wanted
+        key = {"ROBOMEND_KEY": wanted.key} if wanted.key else {}
+        with Stage(wanted.folder, {**environment(), **key}, self._interrupts) as stage:
+            service, url = None, wanted.url or ""
+            if wanted.url is None:  # it loads while we listen
+                port = _free_port(wanted.folder)
+                data = str(wanted.folder / "data")
+                serve = ["serve", "--port", str(port), "--data", data, "--announce"]
+                service = stage.start("service", python("robomend", *serve), announces=True)
+            found, heard = asyncio.run(self._listen())
+            if service is not None:
+                url = str(stage.announced(service, SERVICE_S)["url"])
+            self._written = _write(wanted, heard, url)
+            self._put(url)
+            agent = self._start_agent(stage)
+            page = f"{url}/ui/robots/{wanted.name}"
+            click.echo(f"the page: {page}")
+            click.echo("It only observes. Ctrl-C ends it; `robomend attach --help` says what else it does.")
+            show(page)
+            self.watches = True
+            asyncio.run(self._watch(stage, url, found, heard, agent))
+
+    def _start_agent(self, stage: Stage) -> Any:
+        from robomend.cli.stage import python
+
+        file = self.wanted.folder / "agent.yaml"
+        return stage.start("agent", python("robomend_client.agent.main", str(file)))
+
+    def _put(self, url: str) -> None:
+        """Tell the service of the robot, as the files say: a new version of what it has already."""
+        from robomend.cli.init.described import model_file
+        from robomend.cli.remote.connection import asking
+        from robomend.cli.robot_file import read_robot
+        from robomend_client.rest.errors import NotFound
+
+        config = read_robot(self.wanted.folder / "robot.yaml")
+        model = str(config.get("model", self.wanted.name))
+        file = self.wanted.folder / model_file(model)
+
+        def version(ask: Callable[[str], Any], name: str) -> str | None:
+            try:
+                return str(ask(name).version)
+            except NotFound:
+                return None
+
+        with asking(url, self.wanted.key) as client:
+            if file.exists():
+                client.put_model(model, file.read_text("utf-8"), version=version(client.model, model))
+            client.put_robot(self.wanted.name, config, version(client.robot, self.wanted.name))
+
+    # --- listening -------------------------------------------------------------------------------------
+
+    async def _listen(self) -> tuple[Callable[..., Hearing], Heard]:
+        """Find the robot and listen to it; return how to listen to it again, and what was heard.
+
+        Raises:
+            InputError: no robot was found, or several.
+            Interrupted: a signal came.
+        """
+        candidates, why_not = await _candidates(self.wanted)
+        hearings = {name: make() for name, make in candidates.items()}
+        tasks = {name: asyncio.create_task(hearing.run()) for name, hearing in hearings.items()}
+        try:
+            name = await self._find(hearings, tasks, why_not)
+            for other in tasks.keys() - {name}:
+                tasks[other].cancel()
+            heard = await self._hear(hearings[name], tasks[name])
+        finally:
+            for task in tasks.values():
+                task.cancel()
+            await asyncio.gather(*tasks.values(), return_exceptions=True)
+        return candidates[name], heard
+
+    async def _find(
+        self, hearings: Mapping[str, Hearing], tasks: Mapping[str, asyncio.Task[None]], why_not: list[str]
+    ) -> str:
+        began_s = time.monotonic()
+        click.echo(f"looking for a robot: {', '.join(hearings) or 'nowhere'} …", err=True)
+        while (waited_s := time.monotonic() - began_s) < FIND_MOST_S and hearings:
+            self._interrupts.check()
+            for name, task in tasks.items():
+                if task.done() and (error := task.exception()) is not None:
+                    raise BackendError(f"{name}: {error}") from error
+            there = {name: own_nodes(hearing.graph.nodes) for name, hearing in hearings.items()}
+            there = {name: nodes for name, nodes in there.items() if nodes}
+            if waited_s > FIND_S and there:
+                if len(there) > 1:
+                    listed = "; ".join(f"{name} ({len(nodes)} nodes)" for name, nodes in there.items())
+                    raise InputError(f"there are robots at {listed}: choose by --ros1 or --ros2")
+                return next(iter(there))
+            await asyncio.sleep(0.1)
+        told = "; ".join([*(f"{name}: no node" for name in hearings), *why_not])
+        variables = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if os.environ.get(name))
+        hint = (
+            "ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE must be the robot's, ROS_MASTER_URI its master"
+        )
+        raise InputError(f"no robot was found. {told}. Set are: {variables or 'none of ROS_…'}. {hint}")
+
+    async def _hear(self, hearing: Hearing, task: asyncio.Task[None]) -> Heard:
+        wanted, began_s = self.wanted, time.monotonic()
+        hearing.begin()
+        with _table() as shown:
+            while (left_s := began_s + wanted.seconds - time.monotonic()) > 0:
+                self._interrupts.check()
+                if task.done():
+                    task.result()
+                shown(hearing, wanted.seconds - left_s, wanted.seconds)
+                await asyncio.sleep(min(SHOW_S, left_s))
+        heard = hearing.heard().within(wanted.namespace)
+        alike = alike_namespaces(own_nodes(heard.graph.nodes))
+        if len(alike) > 1:
+            names = ", ".join(alike)
+            click.echo(
+                f"note: {names} have nodes of the same names. If they are robots of their own, "
+                f"--namespace {alike[0]} takes one",
+                err=True,
+            )
+        return heard
+
+    # --- watching --------------------------------------------------------------------------------------
+
+    async def _watch(
+        self, stage: Stage, url: str, make: Callable[..., Hearing], heard: Heard, agent: Any
+    ) -> None:
+        """Say how the robot is, whenever that changes, and have joined what comes later."""
+        from robomend_client.rest import Client, ClientError
+
+        said = ""
+        later = make(frozenset(heard.graph.publishers))
+        listening = asyncio.create_task(later.run())
+        looked_s = time.monotonic()
+        try:
+            with Client(url, self.wanted.key, timeout_s=10.0) as client:
+                while True:
+                    self._interrupts.check()
+                    stage.check()
+                    with contextlib.suppress(ClientError):
+                        now = await asyncio.to_thread(_state, client, self.wanted.name)
+                        if now != said:
+                            after_s = time.monotonic() - self._began_s
+                            click.echo(f"{time.strftime('%H:%M:%S')} ({after_s:.0f} s) {now}")
+                            said = now
+                    if time.monotonic() - looked_s > JOIN_LOOK_S and not listening.done():
+                        looked_s = time.monotonic()
+                        more = joined(heard, later.heard().within(self.wanted.namespace), self.wanted.seconds)
+                        if more is not None and self._unchanged():
+                            new = sorted(more.graph.nodes - heard.graph.nodes)
+                            click.echo(f"joined: {', '.join(node.removeprefix('/') for node in new)}")
+                            heard = more
+                            self._written = _write(
+                                replace(self.wanted, update=True), heard, url, quietly=True
+                            )
+                            stage.end(agent)
+                            self._put(url)
+                            agent = self._start_agent(stage)
+                    await asyncio.sleep(LOOK_S)
+        finally:
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+
+    def _unchanged(self) -> bool:
+        """Whether the files are as we wrote them: those that a person has changed are the person's."""
+        texts = {name: self.wanted.folder / name for name in self._written}
+        return bool(texts) and all(
+            path.exists() and path.read_text("utf-8") == self._written[name] for name, path in texts.items()
+        )
+
+
+def _state(client: Any, robot: str) -> str:
+    """Return how the robot is, in a line."""
+    state = str(client.robot(robot).value["state"])
+    result = client.diagnosis(robot).get("result") or {}
+    bad = [" and ".join(one["bad"]) for one in result.get("diagnoses", ()) if one["bad"]]
+    more = f" (or {len(bad) - 1} more)" if len(bad) > 1 else ""
+    return f"{state}: {bad[0]}{more}" if bad else state
+
+
+# --- what is there ----------------------------------------------------------------------------------------
+
+
+async def _candidates(wanted: Wanted) -> tuple[dict[str, Callable[..., Hearing]], list[str]]:
+    """Return where a robot may be, each with how to listen there, and why it is not elsewhere.
+
+    Raises:
+        InputError: what --ros1 or --ros2 says cannot be.
+    """
+    found: dict[str, Callable[..., Hearing]] = {}
+    why_not = []
+    if wanted.ros1 is None:
+        domain = _domain(wanted.ros2)
+        if find_spec("cyclonedds") and find_spec("rosbags"):
+            from robomend_client.bridges.hearing import Ros2Hearing
+
+            found[f"domain {domain} of ROS 2"] = lambda known=(): Ros2Hearing(domain, known)
+        else:
+            why_not.append("ROS 2 needs what is installed with: pip install 'robomend-client[ros2]'")
+    if wanted.ros2 is None:
+        from robomend_client.bridges.ros1.master import Master
+        from robomend_client.bridges.ros1.xmlrpc import OutOfReach, PeerError, address_of
+
+        given = None if wanted.ros1 in (None, FROM_ENVIRONMENT) else wanted.ros1
+        uri = given or os.environ.get("ROS_MASTER_URI") or "http://localhost:11311/"
+        try:
+            address_of(uri)
+            await Master(uri, "/robomend_attach").graph(types=False)
+        except OutOfReach as error:
+            raise InputError(f"--ros1: {error}") from error
+        except PeerError as error:
+            why_not.append(f"the master at {uri}: {error}")
+        else:
+            if find_spec("rosbags"):
+                from robomend_client.bridges.hearing import Ros1Hearing
+
+                found[f"the master at {uri}"] = lambda known=(): Ros1Hearing(uri, known)
+            else:
+                why_not.append("ROS 1 needs what is installed with: pip install 'robomend-client[ros1]'")
+    return found, why_not
+
+
+def _domain(said: str | None) -> int:
+    given = said if said not in (None, FROM_ENVIRONMENT) else os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not given.isdecimal() or int(given) > 232:
+        raise InputError(f"{given!r} is no domain of ROS 2, from 0 to 232; DIR stands before --ros2")
+    return int(given)
+
+
+def own_nodes(nodes: frozenset[str]) -> list[str]:
+    """Return the robot's own nodes."""
+    from robomend.model.from_graph import is_tool
+
+    return sorted(node for node in nodes if not is_tool(node))
+
+
+def alike_namespaces(nodes: list[str]) -> list[str]:
+    """Return namespaces of which another one has mostly nodes of the same names: robots, or twin devices."""
+    inside: dict[str, set[str]] = {}
+    for node in nodes:
+        first, slash, rest = node.strip("/").partition("/")
+        if slash:
+            inside.setdefault(first, set()).add(rest)
+    return sorted(
+        name
+        for name, found in inside.items()
+        if any(
+            other != name and len(found & others) > max(1, min(len(found), len(others)) / 2)
+            for other, others in inside.items()
+        )
+    )
+
+
+def heard_of_bags(bags: tuple[Path, ...]) -> Heard:
+    """Return what recordings hold: their topics, one after the other.
+
+    Raises:
+        InputError: none of them can be read.
+    """
+    from robomend_batch.learn.gathering import gather, heard_of
+
+    found = gather([str(bag) for bag in bags], lambda log: click.echo(f"read: {log}", err=True))
+    for problem in found.problems.json():
+        click.echo(
+            f"{'bad' if problem['bad'] else 'note'}: {problem['place']}: {problem['reason']}", err=True
+        )
+    if not found.spans_ns:
+        raise InputError("there is nothing to learn from")
+    return heard_of(found)
+
+
+def joined(before: Heard, now: Heard, seconds: float) -> Heard | None:
+    """Return what was heard with the nodes that came later and stayed; None: there are none.
+
+    A topic that was there and silent stays silent by design: that it came once does not mean that it must.
+
+    Args:
+        now: of the same robot, without the topics that were heard before.
+        seconds: how long a node must have been there, and its topics have come.
+    """
+    from robomend.model.from_graph import steady
+    from robomend_client.ros_graph import HeardTopic
+
+    known = before.graph.nodes
+    nodes = {
+        node
+        for node in own_nodes(now.graph.nodes - known - now.gone)
+        if now.ended_ns - now.since_ns.get(node, now.ended_ns) >= seconds * 1e9
+    }
+    if not nodes:
+        return None
+    ahead_ns = now.ended_ns - before.ended_ns
+    topics = {}
+    for name, topic in now.topics.items():
+        if now.graph.publishers.get(name, frozenset()) & nodes:
+            settled_now = not isinstance(steady(topic, now.ended_ns), str) and topic.span_s >= seconds / 2
+            topics[name] = HeardTopic(latched=topic.latched)
+            if settled_now:
+                topics[name] = replace(
+                    topic,
+                    first_ns=topic.first_ns - ahead_ns,
+                    last_ns=topic.last_ns - ahead_ns,
+                    stamps=tuple(stamp - ahead_ns for stamp in topic.stamps),
+                )
+    graph, new = before.graph, now.graph
+
+    def table(old: Table, found: Table) -> Table:
+        more = {name: found_nodes & nodes for name, found_nodes in found.items() if found_nodes & nodes}
+        return {name: old.get(name, frozenset()) | more.get(name, frozenset()) for name in {**old, **more}}
+
+    merged = replace(
+        graph,
+        publishers=table(graph.publishers, new.publishers),
+        subscribers=table(graph.subscribers, new.subscribers),
+        services=table(graph.services, new.services),
+        types={**new.types, **graph.types},
+    )
+    return replace(before, graph=merged, topics={**topics, **before.topics}, gone=before.gone - nodes)
+
+
+# --- files ------------------------------------------------------------------------------------------------
+
+
+def _robot_of(folder: Path) -> str | None:
+    """Return the robot whose files a folder has."""
+    file = folder / "agent.yaml"
+    if not file.exists():
+        return None
+    from robomend_client.yaml_tree import Mapping as Tree
+    from robomend_client.yaml_tree import Scalar, YamlError, read_tree
+
+    try:
+        tree = read_tree(file.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, YamlError) as error:
+        raise InputError(f"{file}: {error}") from error
+    named = tree.items.get("robot") if isinstance(tree, Tree) else None
+    return named.text if isinstance(named, Scalar) else None
+
+
+def _url(wanted: Wanted) -> str:
+    return wanted.url or f"http://127.0.0.1:{DEFAULT_PORT}"
+
+
+def _free_port(folder: Path) -> int:
+    """Return the port that the folder's agent knows, else the usual one, else 0: any that is free.
+
+    Raises:
+        InputError: the folder's is taken.
+    """
+    file = folder / "agent.yaml"
+    known = re.search(r"127\.0\.0\.1:(\d+)", file.read_text("utf-8")) if file.exists() else None
+    port = int(known[1]) if known else DEFAULT_PORT
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            if known:
+                why = f"port {port}, which {file} names, is taken: another service runs there"
+                raise InputError(f"{why}; --url http://127.0.0.1:{port} uses it") from error
+            return 0
+    return port
+
+
+def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> dict[str, str]:
+    """Write the robot's files, and show what would change of those that are there; return what was written.
+
+    Raises:
+        InputError: what was heard makes no model, or a file cannot be written.
+    """
+    from robomend.cli.init.described import Described, files_of
+    from robomend.cli.schema import FILES, schema_name, schema_text
+
+    bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
+    texts = files_of(Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus))
+    texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
+    written = {}
+    try:
+        for name, text in texts.items():
+            path = wanted.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            old = path.read_text("utf-8") if path.exists() else None
+            new = text if old is None else settled(old, text)
+            if old == new or (old is not None and name.startswith("schemas/")):
+                continue
+            if old is not None:
+                if not quietly:
+                    _show_diff(path, old, new)
+                if not wanted.update:
+                    continue
+            beside = path.with_suffix(".tmp")
+            beside.write_text(new, "utf-8")
+            beside.replace(path)
+            if not name.startswith("schemas/"):
+                written[name] = new
+                if not quietly:
+                    click.echo(f"wrote {path}", err=True)
+    except OSError as error:
+        raise InputError(f"{error.filename} cannot be written: {error.strerror}") from error
+    return written
+
+
+def _show_diff(path: Path, old: str, new: str) -> None:
+    lines = difflib.unified_diff(
+        old.splitlines(keepends=True), new.splitlines(keepends=True), str(path), f"{path} as heard now"
+    )
+    click.echo("".join(lines), nl=False)
+
+
+def settled(old: str, new: str) -> str:
+    """Return a new text with the old lines wherever they say about the same: numbers within CLOSE."""
+    kept: dict[str, list[str]] = {}
+    for line in old.splitlines():
+        kept.setdefault(NUMBER.sub("#", line), []).append(line)
+    lines = []
+    for line in new.splitlines():
+        alike = kept.get(NUMBER.sub("#", line), [])
+        for candidate in alike:
+            if line.lstrip().startswith("#") or _close(candidate, line):
+                alike.remove(candidate)
+                line = candidate
+                break
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def _close(one: str, other: str) -> bool:
+    """Whether the numbers of two lines that are alike otherwise are, without their comments."""
+    pairs = zip(NUMBER.findall(_code(one)), NUMBER.findall(_code(other)), strict=False)
+    return all(abs(float(a) - float(b)) <= CLOSE * max(abs(float(a)), abs(float(b))) for a, b in pairs)
+
+
+def _code(line: str) -> str:
+    return line.partition("    #")[0]
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the folder: a second attach there would take its files and its port.
+
+    Raises:
+        InputError: somebody holds it, or it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / ".attach.lock").open("a+")
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written to: {error.strerror}") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            lock.seek(0)
+            raise InputError(
+                f"{folder}: `robomend attach` runs there already (process {lock.read()})"
+            ) from error
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+        logging.basicConfig(filename=folder / "attach.log", format="%(asctime)s %(levelname)s %(message)s")
+        yield
+
+
+# --- what people see --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _table() -> Iterator[Callable[[Hearing, float, float], None]]:
+    """A live table on a terminal, a line now and then elsewhere."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    if not console.is_terminal or console.is_dumb_terminal:
+        shown_s = [float("-inf")]
+
+        def line(hearing: Hearing, passed_s: float, all_s: float) -> None:
+            if passed_s - shown_s[0] >= LINES_S or shown_s[0] < 0:
+                shown_s[0] = passed_s
+                click.echo(_told(hearing, passed_s, all_s), err=True)
+
+        yield line
+        return
+    with Live(console=console, transient=True, refresh_per_second=4) as live:
+        yield lambda hearing, passed_s, all_s: live.update(_rows(hearing, passed_s, all_s))
+
+
+def _told(hearing: Hearing, passed_s: float, all_s: float) -> str:
+    heard = sum(1 for ear in hearing.ears.values() if ear.count)
+    nodes = len(own_nodes(hearing.graph.nodes))
+    messages = sum(ear.count for ear in hearing.ears.values())
+    return (
+        f"listening, {passed_s:.0f} of {all_s:.0f} s: {nodes} nodes, {heard} of {len(hearing.ears)} topics "
+        f"heard, {messages:,} messages"
+    )
+
+
+def _rows(hearing: Hearing, passed_s: float, all_s: float) -> Any:
+    from rich.table import Table
+
+    table = Table(title=_told(hearing, passed_s, all_s), title_justify="left", box=None)
+    for column in ("topic", "Hz", "messages", "published by"):
+        table.add_column(column, justify="right" if column in ("Hz", "messages") else "left")
+    loudest = sorted(hearing.ears.items(), key=lambda one: (-one[1].count, one[0]))
+    for topic, ear in loudest[:ROWS]:
+        nodes = ", ".join(sorted(hearing.graph.publishers.get(topic, ())))
+        table.add_row(topic, f"{ear.count / max(passed_s, 1):.3g}", str(ear.count), nodes[:60])
+    if len(loudest) > ROWS:
+        table.add_row(f"and {len(loudest) - ROWS} more", "", "", "")
+    return table

@@ -1,0 +1,257 @@
+"""`robomend attach`: from a running robot to the first true word, with nothing written before."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from tests.blocks import BLOCKS
+from tests.clients.running_agent import alive
+from tests.forked import popen
+from tests.robomend_demo.playing import children
+from tests.ros1 import Robot as Ros1Robot
+from tests.ros1 import robot as ros1_robot
+from tests.ros2 import Ros2Robot
+from tests.ros2 import robot as ros2_robot
+from tests.waiting import until
+
+from robomend.cli.commands import run
+from robomend.model.loading import load_model
+from robomend_batch.attach_command import alike_namespaces, joined, settled
+from robomend_client.ros_graph import Ear, Heard, RosGraph
+
+MOST_S = 110.0
+SECONDS = "10"
+
+MINE = [
+    line.partition("#")[0].removeprefix("./dev run ").split()
+    for block in BLOCKS
+    if block.test == "tests/robomend_batch/test_attach.py"
+    for line in block.text.splitlines()
+]
+
+
+def shown(words: str) -> list[str]:
+    """Return the command that a page shows with these words, without the program."""
+    [command] = [line for line in MINE if line[2:4] == words.split()]
+    return command[1:]
+
+
+README = next(line[1:] for line in MINE if line == ["robomend", "attach"])
+
+
+class Attached:
+    """A command that runs."""
+
+    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
+        self.process = process
+        self.folder = folder
+
+    @property
+    def said(self) -> str:
+        return (self.folder / "said").read_text()
+
+    def until_said(self, pattern: str) -> str:
+        """Wait until it has said something; return the line."""
+        found: list[str] = []
+
+        def there() -> bool:
+            found[:] = [line for line in self.said.splitlines() if re.search(pattern, line)]
+            return bool(found) or self.process.poll() is not None
+
+        until(there, f"{pattern}: {self.said}", MOST_S)
+        assert found, self.said
+        return found[-1]
+
+    def end(self) -> int:
+        """Ctrl-C; return the exit code, when all that it started is gone."""
+        parts = children(self.process.pid)
+        self.process.send_signal(signal.SIGINT)
+        code = self.process.wait(30)
+        until(lambda: not any(map(alive, parts)), "all parts are gone")
+        return code
+
+
+@contextmanager
+def attached(folder: Path, environment: Mapping[str, str], *words: str) -> Iterator[Attached]:
+    """Attach to a robot; `folder` is where the command runs."""
+    with (folder / "said").open("w") as said:
+        process = popen(
+            [sys.executable, "-m", "robomend", *words, "--seconds", SECONDS],
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=said,
+            text=True,
+            cwd=folder,
+            env={**environment, "PYTHONUNBUFFERED": "1"},
+        )
+    one = Attached(process, folder)
+    try:
+        yield one
+    finally:
+        if process.poll() is None:
+            one.end()
+
+
+def rover2(ros: Ros2Robot) -> None:
+    """Nodes with a chain of topics, a latched one, one that is silent, and statuses."""
+    kind = "std_msgs/String"
+    lidar = ros.node("lidar_driver")
+    lidar.do("publish", topic="/scan", type=kind, rate=20, reliable=False)
+    status = {"name": "lidar_driver: scan", "level": 0, "message": "fine"}
+    kind_of_statuses = "diagnostic_msgs/DiagnosticArray"
+    lidar.do("publish", topic="/diagnostics", type=kind_of_statuses, rate=5, value={"status": [status]})
+    mapper = ros.node("mapper")
+    mapper.do("relay", topic="/scan", to="/pose", type=kind, reliable=False)
+    mapper.do("publish", topic="/map", type=kind, latched=True)
+    planner = ros.node("planner")
+    planner.do("relay", topic="/pose", to="/plan", type=kind)
+    planner.do("publish", topic="/cmd_vel", type=kind, rate=0.001)
+    planner.do("serve", name="/navigate")
+
+
+def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: Path) -> None:
+    with ros2_robot(tmp_path) as ros:
+        rover2(ros)
+        with attached(tmp_path, ros.environment, *README) as attach:
+            attach.until_said(r"\bhealthy$")
+            assert "unhealthy" not in attach.said
+            refused = run(["attach", "--seconds", SECONDS, str(tmp_path / "robot")])
+            assert refused == 2  # one at a time
+            ros.nodes["lidar_driver"].kill()
+            attach.until_said(r"unhealthy: lidar_driver$")
+            assert attach.end() == 0
+    model = load_model(tmp_path / "robot" / "robot-model.yaml").parts
+    assert model is not None
+    assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan",)}
+    assert model.nodes["planner"].publishes == {"plan": ("pose",), "cmd_vel": ()}
+    assert [name for name, topic in model.topics.items() if topic.silent] == ["cmd_vel", "map"]
+    assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
+
+
+def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path) -> None:
+    kind = "std_msgs/String"
+
+    def rover(ros: Ros1Robot) -> None:
+        ros.node("lidar_driver").do("publish", topic="/scan", type=kind, rate=20)
+        mapper = ros.node("mapper")
+        mapper.do("subscribe", topic="/scan", type=kind)
+        mapper.do("publish", topic="/pose", type=kind, rate=10)
+
+    with ros1_robot(tmp_path) as ros:
+        rover(ros)
+        words = [
+            ros.master.uri if word.startswith("http:") else word
+            for word in shown("--ros1 http://robot:11311")
+        ]
+        with attached(tmp_path, ros.master.environment, *words) as attach:
+            attach.until_said(r"\bhealthy$")
+            ros.node("late").do("publish", topic="/later", type=kind, rate=10)
+            attach.until_said(r"^joined: late$")
+            assert "unhealthy" not in attach.said
+            ros.nodes["mapper"].do("hush", topic="/pose")
+            attach.until_said(r"unhealthy: mapper$")
+    text = (tmp_path / "rover" / "rover.yaml").read_text()
+    assert "\n  late:" in text
+    assert "\n  later: {rate_hz:" in text
+
+
+def test_files_that_are_there_are_shown_and_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording(tmp_path / "one.bag", 10)
+    recording(tmp_path / "other.bag", 20)
+    folder = tmp_path / "rover"
+    monkeypatch.chdir(tmp_path)
+    assert run([word.replace("good", "one") for word in shown("--bag good.bag")]) == 0
+    before = {file: file.read_text() for file in folder.glob("*.yaml")}
+    assert len(before) == 3
+    capsys.readouterr()
+    assert run(["attach", "--bag", str(tmp_path / "one.bag"), str(folder)]) == 0
+    assert "+" not in capsys.readouterr().out  # nothing is new
+    assert run(["attach", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
+    assert re.search(r"^\+  scan: \{rate_hz: 20,", capsys.readouterr().out, re.MULTILINE)
+    assert {file: file.read_text() for file in folder.glob("*.yaml")} == before
+    assert run(["attach", "--update", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
+    assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
+
+
+def recording(file: Path, rate_hz: int) -> None:
+    """Write a recording of half a minute."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "std_msgs/msg/String"
+    message = store.serialize_ros1(store.types[kind](data="x"), kind)
+    with Writer(file) as bag:
+        scan = bag.add_connection("/scan", kind, typestore=store, callerid="/lidar_30719_1739203333671")
+        for number in range(30 * rate_hz):
+            bag.write(scan, number * 10**9 // rate_hz, message)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "why"),
+    [
+        (["--ros1", "--ros2"], 2, "give one of --ros1, --ros2 and --bag"),
+        (["--ros2", "rover"], 2, "'rover' is no domain of ROS 2, from 0 to 232; DIR stands before --ros2"),
+        (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
+        (["--ros1", "http://127.0.0.1:1/"], 2, "no robot was found. the master at http://127.0.0.1:1/"),
+        (["--name", "a b"], 2, "'a b' is no robot's name"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_said(
+    arguments: list[str],
+    code: int,
+    why: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROS_HOSTNAME", "127.0.0.1")
+    assert run(["attach", *arguments]) == code
+    told = capsys.readouterr().err
+    assert why in told
+    if "no robot was" in why:
+        assert "ROS_HOSTNAME=127.0.0.1" in told
+    assert not list(tmp_path.glob("*/*.yaml"))
+
+
+def test_another_robots_folder_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "agent.yaml").write_text("robot: walker\n")
+    assert run(["attach", "--name", "rover", str(tmp_path)]) == 2
+    assert "has the files of 'walker', not of 'rover'" in capsys.readouterr().err
+
+
+def test_numbers_that_are_about_the_same_change_no_file() -> None:
+    old = "a:\n  # 60 messages\n  x: {rate_hz: 10, tolerance_hz: 4}    # 60 messages\n  y: {rate_hz: 1}\n"
+    new = "a:\n  # 61 messages\n  x: {rate_hz: 10.2, tolerance_hz: 4.1}    # 61 messages\n  y: {rate_hz: 2}\n"
+    assert settled(old, new) == old.replace("y: {rate_hz: 1}", "y: {rate_hz: 2}")
+
+
+def test_twins_are_seen_and_parts_of_one_robot_are_not() -> None:
+    robots = [f"/{robot}/{node}" for robot in ("a", "b") for node in ("base", "lidar", "planner")]
+    assert alike_namespaces([*robots, "/map_server"]) == ["a", "b"]
+    assert alike_namespaces(["/left/camera", "/right/camera", "/arm/driver", "/arm/planner", "/base"]) == []
+
+
+def test_a_topic_that_was_silent_by_design_does_not_join_nor_a_node_that_just_came() -> None:
+    second = 10**9
+    graph = RosGraph({"/odom": frozenset({"/base"}), "/cmd_vel": frozenset({"/base"})})
+    before = Heard(graph, "a test", 60, 60 * second, {"/odom": Ear(range(0, second, 10**8)).heard()})
+    more = RosGraph({**graph.publishers, "/new": frozenset({"/late"}), "/too": frozenset({"/newest"})})
+    came = Ear(range(100 * second, 160 * second, second // 10)).heard()
+    since = {"/late": 90 * second, "/newest": 155 * second, "/robomend_agent": 0}
+    now = Heard(more, "a test", 60, 160 * second, {"/new": came, "/cmd_vel": came}, since_ns=since)
+    found = joined(before, now, 60)
+    assert found is not None
+    assert found.graph.nodes == {"/base", "/late"}
+    assert found.topics["/new"].count == 600
+    assert "/cmd_vel" not in found.topics
+    assert joined(found, now, 60) is None
