@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
@@ -26,7 +27,7 @@ from robomend_client.rest import Client as RestClient
 pytestmark = pytest.mark.anyio
 
 LOOKS = {
-    *("robots", "robot", "diagnoses", "record", "repairs", "repair"),
+    *("robots", "robot", "diagnoses", "record", "moments", "moment", "repairs", "repair"),
     *("what_if", "probes", "isolability"),
 }
 ACTS = {"approve", "cancel", "stop"}
@@ -166,6 +167,39 @@ async def test_a_name_that_talks_is_data_in_one_line(shared: Shared, robot: str)
         assert len(said) <= LONGEST + 1
 
 
+async def test_the_moment_of_a_fault_is_told_with_the_program_s_own_last_line(
+    shared: Shared, robot: str
+) -> None:
+    shared.robot(robot, "not ok(scan)", policy="observe")
+    lines = [f"line {number}" for number in range(150)] + ["cannot open /dev/lidar"]
+    kept = shared.client.keep_moment(
+        robot,
+        {
+            "agent": "onboard",
+            "key": "k1",
+            "at_ns": 1764000000000000000,
+            "literals": [{"literal": "not ok(scan)", "reading": "0 of 10 Hz for 2.1 s"}],
+            "frame": {
+                "topics": [
+                    {"topic": f"/t{number}", "messages": [{"at_s": -1, "text": "x" * 500}] * 9}
+                    for number in range(90)
+                ],
+                "series": [{"source": "scan", "kind": "rate", "at_s": [-1, 0], "values": [10, 0]}],
+                "logs": [{"node": "hokuyo_node", "lines": lines}],
+            },
+        },
+    )
+    async with assistant(shared.url) as client:
+        listed = (await told(client, "moments", robot=robot))["data"]
+        assert [one["id"] for one in listed] == [kept["id"]]
+        found = await told(client, "moment", moment=kept["id"])
+        assert found["url"].endswith(f"/ui/moments/{kept['id']}")
+        assert found["data"]["literals"][0]["reading"] == "0 of 10 Hz for 2.1 s"
+        assert found["data"]["frame"]["series"][0]["newest"][0] == [0.0, 0.0]
+        assert found["data"]["frame"]["logs"][0]["newest"][0] == "cannot open /dev/lidar"
+        assert "more" in str(found["data"]["frame"]["topics"])
+
+
 async def test_what_is_not_there_or_away_is_said(shared: Shared) -> None:
     async with assistant(shared.url) as client:
         assert "not-found" in await refused(client, "robot", robot="nobody")
@@ -188,7 +222,7 @@ async def test_a_person_says_yes_and_the_repair_is_approved(guarded: Guarded, mo
     [asked] = person.asked
     assert f"APPROVE repair {repair} of robot {robot}" in asked
     assert "1. stop_node(hokuyo_node)" in asked
-    assert "the scan is silent" in asked
+    assert 'It says: "the scan is silent"' in asked
     until(lambda: state(guarded, repair) != "awaiting-approval", "the yes is heard")
 
 
@@ -264,3 +298,11 @@ def test_a_wrong_key_and_no_service_end_it_in_one_line(say: Say, guarded: Guarde
     code, _, err = say("mcp", "--url", "http://127.0.0.1:9", "--key", "rm_x")
     assert code == 2
     assert "127.0.0.1:9" in err
+
+
+def test_without_the_extra_the_command_says_what_to_install(tmp_path: Path) -> None:
+    (tmp_path / "mcp.py").write_text("raise ModuleNotFoundError(name='mcp')")
+    here = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command("mcp", "--help"), env=here, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "pip install 'robomend[mcp]'" in done.stderr

@@ -14,6 +14,7 @@ what it is. To add a tool: a function here, its name in LOOKS or ACTS, its line 
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
@@ -58,7 +59,10 @@ LONGEST = 500
 """Characters of a text in an answer."""
 
 MOST = 20
-"""Items of a list in an answer."""
+"""Items of a list in an answer, and of a page; fewer where the whole would be long."""
+
+LARGEST = 16_000
+"""Characters of an answer."""
 
 ACTING = ("operator", "admin")
 
@@ -96,20 +100,26 @@ def cut(text: str) -> str:
     return printable(text if len(text) <= LONGEST else f"{text[:LONGEST]}…")
 
 
-def bounded(value: Any) -> Any:
-    """Return a value of JSON with bounded texts and lists; how much of a list is left out is said in it."""
+def bounded(value: Any, most: int = MOST) -> Any:
+    """Return a value of JSON with bounded texts and lists; how much is left out is said in it."""
     if isinstance(value, str):
         return cut(value)
     if isinstance(value, Mapping):
-        return {cut(str(key)): bounded(one) for key, one in value.items()}
+        kept = {cut(str(key)): bounded(one, most) for key, one in list(value.items())[: 2 * most]}
+        return kept | ({"…": f"and {len(value) - 2 * most} more"} if len(value) > 2 * most else {})
     if isinstance(value, list | tuple):
-        left = [f"and {len(value) - MOST} more"] if len(value) > MOST else []
-        return [*map(bounded, value[:MOST]), *left]
+        left = [f"and {len(value) - most} more"] if len(value) > most else []
+        return [*(bounded(one, most) for one in value[:most]), *left]
     return value
 
 
 def answer(url: str, data: Any) -> dict[str, Any]:
-    return {"url": url, "note": NOTE, "data": bounded(data)}
+    """Return an answer: what the service says, as much of it as an assistant should have to read."""
+    for most in (MOST, 8, 3, 1):
+        found = bounded(data, most)
+        if len(json.dumps(found)) <= LARGEST:
+            return {"url": url, "note": NOTE, "data": found}
+    return {"url": url, "note": NOTE, "data": "too long for an answer: a person can read it at `url`"}
 
 
 def only(value: Mapping[str, Any], *keys: str) -> dict[str, Any]:
@@ -210,6 +220,31 @@ def _short(repair: Mapping[str, Any]) -> dict[str, Any]:
     return {**only(repair, *keys), "bad": (repair["diagnosis"] or {}).get("bad", []), "plan": steps}
 
 
+async def moments(ctx: Asking, robot: Robot) -> dict[str, Any]:
+    """The moments in which something turned bad on a robot, newest first."""
+    service = of(ctx)
+    with service.asking() as client:
+        found = await client.moments(robot, limit=MOST)
+    keys = ("id", "at", "literals", "recording_bytes")
+    return answer(service.page("robots", robot), [only(one, *keys) for one in found["items"]])
+
+
+async def moment(
+    ctx: Asking, moment: Annotated[str, Field(description="a moment's id, as `moments` lists it")]
+) -> dict[str, Any]:
+    """What was around a moment: the last messages, values, log lines and processes."""
+    service = of(ctx)
+    with service.asking() as client:
+        found = await client.moment(moment)
+    frame = found["frame"]
+    # Newest first, as the beginning of a list is what is kept of it.
+    for one in frame["series"]:
+        one["newest"] = list(zip(one.pop("at_s"), one.pop("values"), strict=False))[::-1]
+    for one in (*frame["logs"], *frame["topics"]):
+        one["newest"] = one.pop("lines" if "lines" in one else "messages")[::-1]
+    return answer(service.page("moments", moment), only(found, "id", "robot", "at", "literals", "frame"))
+
+
 async def what_if(
     ctx: Asking,
     model: Annotated[str, Field(description="the name of a model, as `robot` has it")],
@@ -305,7 +340,7 @@ def _approval(
         raise ToolError(f"repair {shown['id']} does not wait for approval: it is {shown['state']}")
     message = (
         f"An assistant asks you to APPROVE repair {shown['id']} of robot {shown['robot']}. {_steps(shown)}. "
-        f"Its reason: {cut(reason) or 'none'}"
+        f"It says: {_quoted(reason)}"
     )
     url = of(ctx).page("repairs", shown["id"])
     return _confirmed_by(ctx, f"{message}. Page: {url}", url, f"robomend approve {shown['id']}")
@@ -316,7 +351,7 @@ def _cancelling(
 ) -> Elicit[Confirmed]:
     message = (
         f"An assistant asks you to CANCEL repair {shown['id']} of robot {shown['robot']}, which is "
-        f"{shown['state']}. {_steps(shown)}. Its reason: {cut(reason) or 'none'}"
+        f"{shown['state']}. {_steps(shown)}. It says: {_quoted(reason)}"
     )
     url = of(ctx).page("repairs", shown["id"])
     return _confirmed_by(ctx, f"{message}. Page: {url}", url, f"robomend cancel {shown['id']}")
@@ -326,9 +361,14 @@ def _stopping(ctx: Asking, reason: str) -> Elicit[Confirmed]:
     url = of(ctx).page()
     message = (
         "An assistant asks you to STOP all robots: none acts until a person lifts it. "
-        f"Its reason: {cut(reason) or 'none'}. Page: {url}"
+        f"It says: {_quoted(reason)}. Page: {url}"
     )
     return _confirmed_by(ctx, message, url, "robomend stop")
+
+
+def _quoted(reason: str) -> str:
+    """Return what the assistant says, told apart from what we say."""
+    return json.dumps(cut(reason), ensure_ascii=False) if reason else "nothing"
 
 
 def _noted(reason: str) -> str:
@@ -380,7 +420,7 @@ async def stop(
 
 
 LOOKS: tuple[Callable[..., Any], ...] = (
-    *(robots, robot, diagnoses, record, repairs, repair),
+    *(robots, robot, diagnoses, record, moments, moment, repairs, repair),
     *(what_if, probes, isolability),
 )
 ACTS: tuple[Callable[..., Any], ...] = (approve, cancel, stop)
@@ -403,7 +443,7 @@ def server(url: str, key: str | None, *, acts: bool) -> MCPServer[Service]:
         made.add_tool(tool, annotations=looking, structured_output=False)
     for tool in ACTS if acts else ():
         made.add_tool(tool, annotations=acting, structured_output=False)
-    for path in resources("docs", "*.md"):
+    for path in resources("docs", "*.md"):  # the manual
         with path.open(encoding="utf-8") as page:
             title = page.readline().lstrip("# ").strip()
         made.add_resource(
