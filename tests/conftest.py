@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -30,6 +31,7 @@ gc.disable()  # until all tests are collected, as `robomend serve` does while it
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run soak, fuzz and kill loops at their full length")
+    parser.addoption("--release", type=Path, help="a folder with the files of ./dev release, to be tried")
     parser.addoption(
         "--quick", action="store_true", help="fewer examples of each property, and no slow tests"
     )

@@ -1,6 +1,6 @@
-"""A copy of this computer's root with a systemd of its own, for lines that install as root.
+"""A copy of this computer's root, or of a bare Debian, with a systemd of its own: to install as root.
 
-    what is written ──► upper folder, gone afterwards   (overlayfs: the rest is this computer's, as it is)
+    what is written ──► upper folder, gone afterwards   (overlayfs: the rest is the other root's, as it is)
     processes, mounts, network ──► namespaces           (the systemd in them is process 1, and ends them all)
 
 It needs root, a systemd to start, and a kernel that lets us; elsewhere the test is skipped with the reason.
@@ -36,12 +36,12 @@ _PR_SET_PDEATHSIG = 1
 LEFT = shutil.ignore_patterns(".*", "*.egg-info", "__pycache__", "report", "site", "dist", "build")
 
 BOOT = """
-root=$1 upper=$2 work=$3 group=$4
+root=$1 upper=$2 work=$3 group=$4 base=$7
 echo $$ > "$group/cgroup.procs"
 exec unshare --mount --pid --fork --kill-child --net --uts --ipc --cgroup --propagation private \
     bash -euc '
         root=$1
-        mount -t overlay overlay -o "lowerdir=/,upperdir=$2,workdir=$3" "$root"
+        mount -t overlay overlay -o "lowerdir=$6,upperdir=$2,workdir=$3" "$root"
         mount -t proc proc "$root/proc"
         mount -t sysfs -o ro sys "$root/sys"
         mount -t cgroup2 cgroup "$root/sys/fs/cgroup"
@@ -60,7 +60,7 @@ exec unshare --mount --pid --fork --kill-child --net --uts --ipc --cgroup --prop
         pivot_root . .before
         umount -l .before
         exec env -i container=robomend-test PATH="$4" "$5" --system --unit=basic.target
-    ' - "$root" "$upper" "$work" "$5" "$6"
+    ' - "$root" "$upper" "$work" "$5" "$6" "$base"
 """
 
 
@@ -105,12 +105,12 @@ def _groups() -> Path | None:
 
 
 @contextmanager
-def other_root(folder: Path) -> Iterator[OtherRoot]:
-    """Make one, with the checkout in it; skip the test where that is impossible."""
+def other_root(folder: Path, base: Path = Path("/"), source: Path = ROOT) -> Iterator[OtherRoot]:
+    """Make one over `base`, with what is in `source`; skip the test where that is impossible."""
     groups = _groups()
     for there, why in (
         (os.geteuid() == 0, "a copy of the root needs root"),
-        (SYSTEMD.exists(), "there is no systemd here"),
+        ((base / SYSTEMD.relative_to("/")).exists(), f"there is no systemd in {base}"),
         (groups, "the kernel has no control groups of the second version"),
     ):
         if not there:
@@ -119,13 +119,13 @@ def other_root(folder: Path) -> Iterator[OtherRoot]:
     places = [folder / name for name in ("root", "upper", "work")]
     for place in places:
         place.mkdir()
-    shutil.copytree(ROOT, places[1] / SOURCE.relative_to("/"), ignore=LEFT)
+    shutil.copytree(source, places[1] / SOURCE.relative_to("/"), ignore=LEFT)
     group = groups / f"robomend-test-{os.getpid()}"
     group.mkdir()
     try:
         with (folder / "boot.log").open("wb") as log:
             outer = subprocess.Popen(
-                ["bash", "-euc", BOOT, "-", *map(str, places), str(group), PATH, str(SYSTEMD)],
+                ["bash", "-euc", BOOT, "-", *map(str, places), str(group), PATH, str(SYSTEMD), str(base)],
                 stdout=log,
                 stderr=log,
                 preexec_fn=_end_with_parent,
@@ -151,7 +151,7 @@ def _booted(outer: subprocess.Popen[bytes], log: Path) -> OtherRoot:
             pytest.skip(f"no copy of the root can be made here: {log.read_text().strip()[-300:]}")
         for child in map(int, children.read_text().split()):
             with suppress(OSError, subprocess.SubprocessError):
-                if Path(f"/proc/{child}/exe").resolve() == SYSTEMD.resolve():
+                if Path(f"/proc/{child}/exe").readlink().name == SYSTEMD.name:
                     enter = ["nsenter", f"--target={child}", "--mount", "--pid", "--net", "--cgroup"]
                     asked = subprocess.run(
                         [*enter, "env", "-i", f"PATH={PATH}", "systemctl", "is-system-running"],

@@ -165,6 +165,7 @@ AGGREGATOR = Wanted(
     lambda: Path(AGGREGATOR_NODE).exists() and Path(AGGREGATOR_LIBRARY).exists(),
     ("libdiagnostic-aggregator-tools",),
 )
+ROSLAUNCH = Wanted("ROS 1's roslaunch", lambda: shutil.which("roslaunch"), ("python3-roslaunch",))
 FAKETIME = Wanted("libfaketime", FAKETIME_LIBRARY.exists, ("libfaketime",))
 ZSH = Wanted("zsh", lambda: shutil.which("zsh"), ("zsh",))
 FISH = Wanted("fish", lambda: shutil.which("fish"), ("fish",))

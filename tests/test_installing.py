@@ -1,14 +1,11 @@
-"""What an installation may leave out, what the container's steps do, and what a release is held to."""
+"""What an installation may leave out, what the container's file says, and what a release is held to."""
 
 from __future__ import annotations
 
 import json
 import re
-import shlex
-import shutil
 import subprocess
 import sys
-import sysconfig
 import tomllib
 import zipfile
 from pathlib import Path
@@ -116,56 +113,23 @@ def steps() -> list[tuple[str, str]]:
     return [(line.partition(" ")[0], line.partition(" ")[2]) for line in lines]
 
 
-@pytest.mark.timeout(400)
-def test_the_steps_of_the_container_give_a_service_that_refuses_to_stand_open(tmp_path: Path) -> None:
-    """The build's RUN and the ENTRYPOINT with its CMD, as they stand, in a folder instead of /opt/robomend.
-
-    Dependencies are those of this environment: tests/test_packaging.py installs them for real, with --long.
-    What is not tested is what needs a registry or a container: FROM, COPY --from, USER, VOLUME.
-    """
-    given = steps()
-    source, installed, data = tmp_path / "src", tmp_path / "robomend", tmp_path / "data"
-    places = {"/opt/robomend": str(installed), "/var/lib/robomend": str(data)}
-
-    def here(text: str) -> str:
-        for place, folder in places.items():
-            text = text.replace(place, folder)
-        return text
-
-    [copied] = [words for word, words in given if word == "COPY" and not words.startswith("--from")]
-    assert copied == ". ."
-    left = shutil.ignore_patterns(".*", "*.egg-info", "__pycache__", "report", "site", "dist")
-    shutil.copytree(ROOT, source, ignore=left)
-    build = next(words for word, words in given if word == "RUN" and "pip install" in words)
-    make, install = here(build).split(" && ")
-    subprocess.run([sys.executable, *shlex.split(make)[1:]], check=True, timeout=120)
-    [packages] = installed.glob("lib/python3*/site-packages")
-    (packages / "borrowed.pth").write_text(f"{sysconfig.get_paths()['purelib']}\n")
-    # What builds the wheels is borrowed as well, and dependencies are not looked up anew.
-    quick = [*shlex.split(install), "--no-deps", "--no-build-isolation", "--no-compile"]
-    done = subprocess.run(quick, cwd=source, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    words = dict(given)
-    entry, arguments = json.loads(here(words["ENTRYPOINT"])), json.loads(here(words["CMD"]))
-    asked = subprocess.run(
-        [*entry, *arguments, "--port", "0"], cwd=tmp_path, capture_output=True, text=True, timeout=100
-    )
-    assert asked.returncode == 2
-    assert "robomend keys create" in asked.stderr
-    _, _, probe = words["HEALTHCHECK"].partition("CMD ")
+def test_the_container_asks_a_service_for_its_health(tmp_path: Path) -> None:
+    _, _, probe = dict(steps())["HEALTHCHECK"].partition("CMD ")
     with served(tmp_path) as (_, url):
-        looked = [
-            sys.executable,
-            *(one.replace("http://127.0.0.1:8600", url) for one in json.loads(probe)[1:]),
-        ]
-        assert subprocess.run(looked, timeout=60).returncode == 0
+        words = [one.replace("http://127.0.0.1:8600", url) for one in json.loads(probe)[1:]]
+        assert subprocess.run([sys.executable, *words], timeout=60).returncode == 0
 
 
-def test_the_container_names_only_files_that_are_there_and_ports_that_are_served() -> None:
+def test_the_container_names_what_the_package_has() -> None:
+    """tests/test_release_files.py starts it."""
     given = dict(steps())
+    [service, _] = release.PACKAGES
     assert given["EXPOSE"] == "8600"
-    assert given["USER"] in next(words for word, words in steps() if words.startswith("useradd"))
-    assert shlex.split(given["VOLUME"])[0] in given["CMD"]
+    assert json.loads(given["ENTRYPOINT"]) == [f"{service.prefix}/bin/{service.commands[0]}"]
+    assert given["VOLUME"] in json.loads(given["CMD"])
+    unit = (DEPLOY / "robomend.service").read_text()
+    assert f"User={given['USER']}" in unit
+    assert json.loads(given["ENTRYPOINT"])[0] in unit
 
 
 # --- the release
@@ -182,7 +146,7 @@ def made_up(folder: Path, **texts: str) -> release.Release:
     (folder / "pyproject.toml").write_text(files["pyproject"])
     (folder / "clients" / "pyproject.toml").write_text(files["client"])
     (folder / "CHANGELOG.md").write_text(files["changes"])
-    return release.Release(folder, folder)
+    return release.Release(folder, folder, folder)
 
 
 def test_the_points_of_a_release_that_is_ready_hold(
@@ -225,11 +189,6 @@ def test_a_wheel_without_licence_or_readme_is_amiss(
             archive.writestr(name, text)
     with pytest.raises(release.Amiss, match=complaint):
         release.looked_into(wheel)
-
-
-def test_only_the_check_list_is_walked() -> None:
-    with pytest.raises(SystemExit):
-        release.main([])
 
 
 def test_the_clients_licence_is_ours() -> None:

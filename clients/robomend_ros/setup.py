@@ -11,7 +11,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
-        ("share/" + NAME + "/launch", ["launch/feeder.launch.py"]),
+        ("share/" + NAME + "/launch", ["launch/agent.launch.py", "launch/feeder.launch.py"]),
     ],
     install_requires=["setuptools"],
     zip_safe=True,

@@ -1,4 +1,4 @@
-"""Where encodings/, pddl/ and examples/ are: inside the wheel, or at the root of a checkout."""
+"""Where encodings/, pddl/, examples/ and docs/ are: inside the wheel, or at the root of a checkout."""
 
 from __future__ import annotations
 
@@ -18,3 +18,11 @@ def resource(kind: str, name: str) -> Path:
         if path.is_file():
             return path
     raise FileNotFoundError(f"{kind}/{name} is missing from this installation of robomend")
+
+
+def resources(kind: str, pattern: str) -> list[Path]:
+    """Return the paths of the data files of a kind, e.g. resources("docs", "*.md"), by name."""
+    for root in (PACKAGE / "data", PACKAGE.parent.parent):
+        if found := sorted((root / kind).glob(pattern)):
+            return found
+    return []

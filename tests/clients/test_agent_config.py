@@ -72,6 +72,16 @@ def test_little_is_needed_and_the_rest_has_its_published_default(tmp_path: Path)
     assert not config.keep_processes
 
 
+def test_a_unit_s_state_folder_is_the_default_as_the_file_s_own_may_be_read_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = "robot: r\nservice: {url: 'http://h'}\n"
+    assert loaded(tmp_path, short).state_dir == tmp_path / "robomend-agent-state"
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/robomend-agent:/var/lib/more")
+    assert loaded(tmp_path, short).state_dir == Path("/var/lib/robomend-agent")
+    assert loaded(tmp_path, f"{short}state_dir: mine\n").state_dir == tmp_path / "mine"
+
+
 def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
     assert "s3cret" not in repr(loaded(tmp_path, WHOLE))
 

@@ -64,7 +64,7 @@ TOP = {
     "agent": "this agent's name, by default the host's; several agents of a robot have different ones",
     "host": "which of the model's hosts this is; a robot's only agent leaves it out",
     "service": "where the service is, and the key",
-    "state_dir": "folder of the buffer, first results and the table of processes, relative to this file",
+    "state_dir": "folder of buffer, first results and table of processes, relative to this file",
     "bus": "where nodes hand their messages in: listen, or join another agent's",
     "report": "how often the agent reports, and how long that counts",
     "when_agent_ends": "whether the processes are stopped then, or kept for the next agent to adopt",
@@ -211,7 +211,8 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     agent = top.text("agent", socket.gethostname())
     host = top.optional("host")
     service = _service(top.section("service"), base)
-    state_dir = base / top.text("state_dir", "robomend-agent-state")
+    of_unit = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]  # /etc is read-only there
+    state_dir = base / top.text("state_dir", of_unit or "robomend-agent-state")
     bus, joins = _bus(top.section("bus"), state_dir)
 
     report = top.section("report")

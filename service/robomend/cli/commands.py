@@ -38,6 +38,7 @@ COMMANDS: Table = {
     "cancel": ("robomend.cli.remote.repairs:cancel", "End a repair."),
     "stop": ("robomend.cli.remote.stop:command", "Stop all robots; lift or show the stop."),
     "robot": ("robomend.cli.remote.robot:command", "Configure a robot on a running service."),
+    "mcp": ("robomend.cli.remote.mcp:command", "Let an assistant look at a running service."),
     "batches": ("robomend.cli.remote.batches:command", "Have a service diagnose logs."),
     "drill": ("robomend.cli.drill:command", "Plant faults on purpose, watch and undo them; score."),
     "keys": ("robomend.cli.keys:command", "Create and revoke API keys."),

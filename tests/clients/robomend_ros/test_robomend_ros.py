@@ -7,6 +7,7 @@ import asyncio
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,8 @@ from xml.etree import ElementTree
 
 import pytest
 from tests.blocks import BLOCKS
-from tests.packages import KILTED
+from tests.clients.talker import free_port
+from tests.packages import KILTED, ROSLAUNCH
 from tests.ros2 import Ros2Robot, robot
 from tests.waiting import eventually, until
 
@@ -89,12 +91,16 @@ LAUNCH = """
 import os, sys, types
 
 class Declared:
-    def __init__(self, name, default_value):
+    def __init__(self, name, default_value=None, description=None):
         self.name, self.default = name, default_value
 
 class Configuration:
     def __init__(self, name):
         self.name = name
+
+class ExecuteProcess:
+    def __init__(self, cmd, name, output, respawn, respawn_delay, sigterm_timeout):
+        self.cmd = cmd
 
 class Node:
     def __init__(self, package, executable, name, parameters):
@@ -102,7 +108,7 @@ class Node:
 
 stands_in = {
     "launch": {"LaunchDescription": list},
-    "launch.actions": {"DeclareLaunchArgument": Declared},
+    "launch.actions": {"DeclareLaunchArgument": Declared, "ExecuteProcess": ExecuteProcess},
     "launch.substitutions": {"LaunchConfiguration": Configuration},
     "launch_ros": {},
     "launch_ros.actions": {"Node": Node},
@@ -120,6 +126,10 @@ for word in given:
     name, _, value = word.partition(":=")
     assert name in values, word
     values[name] = value
+for process in parts:
+    if isinstance(process, ExecuteProcess):
+        command = [values[one.name] for one in process.cmd]
+        os.execvp(command[0], command)
 [node] = [part for part in parts if isinstance(part, Node)]
 set_to = [f"{name}:={values[one.name]}" for group in node.parameters for name, one in group.items()]
 options = ["-r", f"__node:={node.name}", *(word for one in set_to for word in ("-p", one))]
@@ -152,6 +162,63 @@ def test_the_line_of_the_page_launches_the_feeder(ros: Ros2Robot) -> None:
             await broker.close()
 
     asyncio.run(test())
+
+
+CHECKED = """
+robot: r1
+service: {url: "http://127.0.0.1:9"}
+processes:
+  driver: {command: [touch, BEGUN], start: true}
+"""
+
+AGENT = f"""#!{sys.executable}
+from robomend_client.agent.main import main
+main()
+"""
+
+
+def agent_at(folder: Path) -> dict[str, str]:
+    """Put the agent's program and a file for it there; return the environment that finds it."""
+    program = folder / "bin" / "robomend-agent"
+    program.parent.mkdir()
+    program.write_text(AGENT)
+    program.chmod(0o755)
+    (folder / "agent.yaml").write_text(CHECKED.replace("BEGUN", str(folder / "begun")))
+    return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
+
+
+def test_the_line_of_the_page_launches_the_agent(tmp_path: Path) -> None:
+    here = agent_at(tmp_path)
+    program = tmp_path / "bin" / "ros2"
+    program.write_text(f"#!{sys.executable}\nFOLDER = {str(PACKAGE / 'launch')!r}\n{LAUNCH}")
+    program.chmod(0o755)
+    line = ["ros2", "launch", "robomend_ros", "agent.launch.py", f"file:={tmp_path / 'agent.yaml'}"]
+    process = subprocess.Popen(line, env=here, cwd=tmp_path)
+    try:
+        until((tmp_path / "begun").exists, "the agent has begun its process", 60)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def test_roslaunch_launches_the_agent(tmp_path: Path) -> None:
+    why = ROSLAUNCH.install()
+    if why:
+        pytest.skip(why)
+    here = {
+        **agent_at(tmp_path),
+        "ROS_MASTER_URI": f"http://127.0.0.1:{free_port()}",
+        "ROS_PACKAGE_PATH": str(PACKAGE.parent),
+        "ROS_HOME": str(tmp_path / "ros"),
+    }
+    line = ["roslaunch", "robomend_ros", "agent.launch", f"file:={tmp_path / 'agent.yaml'}"]
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(line, env=here, cwd=tmp_path, stdout=log, stderr=log)
+    try:
+        until((tmp_path / "begun").exists, "the agent has begun its process", 90)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
 
 
 def run(ros: Ros2Robot, *arguments: str) -> tuple[int, str]:
@@ -202,4 +269,6 @@ def test_it_is_written_for_python_3_8_and_packed_for_colcon() -> None:
         assert f'"{program} = robomend_ros.{program}:main"' in setup
         assert "def main(" in (PACKAGE / "robomend_ros" / f"{program}.py").read_text()
     assert (PACKAGE / "resource" / "robomend_ros").is_file()
-    assert (PACKAGE / "launch" / "feeder.launch.py").is_file()
+    for name in ("agent", "feeder"):
+        assert f"launch/{name}.launch.py" in setup
+        assert (PACKAGE / "launch" / f"{name}.launch.py").is_file()
