@@ -71,7 +71,7 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     assert "There are no others." in diagnosis
     assert re.search(r"ok\(scan\)\? It would tell hector_mapping \(yes\) from hokuyo", diagnosis)
     assert "Expected: 0.92 bit for 1.0 s of looking." in diagnosis
-    assert "Approve: carry it out" in part(page, "repair")
+    assert "Approve" in part(page, "state")
     observed = part(page, "obs")
     assert re.search(
         r"not ok\(map\)\s+0 of 2 Hz for 3.1 s, 1 to 3 Hz\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed
@@ -117,12 +117,13 @@ def test_a_plan_is_approved_carried_out_and_told_in_words(service: Service, look
     service.with_robot("approved")
     service.observe("not ok(map)", "not running(hector_mapping)", robot="approved")
     page = awaiting(service, look, "approved")
-    page.locator('[data-part="repair"]').get_by_label("Why").fill("I looked")
+    page.locator('[data-part="state"]').get_by_label("Why").fill("I looked")
     page.get_by_role("button", name="Approve").click()
     expect(page.locator('[data-part="repair"] .badge').first).not_to_have_text("awaiting approval")
     repair = service.api("GET", "/robots/approved/repairs").json()["items"][0]["id"]
     page.goto(f"{service.url}/ui/repairs/{repair}")
-    expect(page.locator(".record")).to_contain_text("start_node(hector_mapping)")
+    expect(page.locator(".record")).to_contain_text("Start hector_mapping")
+    assert page.locator('.record [title="start_node(hector_mapping)"]').count()
     audit = service.api("GET", "/audit", params={"robot": "approved"}).json()["items"]
     assert [one["reason"] for one in audit if one["action"] == "repair.approve"] == ["I looked"]
 
@@ -161,7 +162,7 @@ def test_a_second_person_who_says_yes_is_told_that_it_was_said(service: Service,
     # Their page would follow the event before they click.
     second.route("**/ui/robots/twice", lambda route: route.abort())
     first.get_by_role("button", name="Approve").dblclick()
-    expect(first.locator("#said")).to_have_text("Taken down.")
+    expect(first.locator("#said")).to_have_text("Approved.")
     second.get_by_role("button", name="Approve").click()
     expect(second.locator("#said")).to_contain_text(re.compile("awaits no approval|already"))
     second.unroute("**/ui/robots/twice")
@@ -175,7 +176,7 @@ def test_a_plan_is_shown_without_acting(service: Service, look: Look) -> None:
     page = live(look(service), "/ui/robots/observed")
     page.get_by_role("link", name="Plan without acting").click()
     expect(page.get_by_text("What a repair would do (nothing is done)")).to_be_visible()
-    assert "power_up(jaguar)" in part(page, "repair")
+    assert "Power up jaguar" in part(page, "repair")
     assert page.get_by_role("button", name="Ask for a repair").count() == 0
     assert service.api("GET", "/robots/observed/repairs").json()["items"] == []
 

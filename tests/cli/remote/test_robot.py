@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -106,3 +107,34 @@ def test_scalars_of_a_file_mean_what_they_look_like(tmp_path: Path) -> None:
     assert all(":" in line and json.loads(line.partition(": ")[2]) != "" for line in file.open())
     with pytest.raises(InputError, match="cannot be read"):
         read_robot(tmp_path / "nothing.yaml")
+
+
+def test_robots_are_listed_and_deleted(
+    say: Say, shared: Shared, robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert f"{robot}  " not in say("robot", "list")[1]
+    shared.robot(robot)
+    code, out, _ = say("robot", "list")
+    assert code == 0
+    assert narrow(out)
+    assert f"{robot}  " in out
+    listed = answer(say("robot", "list", "--format", "json"))["items"]
+    assert [one["model"] for one in listed if one["id"] == robot] == ["tedusar"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+    code, _, err = say("robot", "delete", robot)
+    assert code != 0
+    assert f"delete robot {robot}" in err
+    assert say("robot", "delete", robot, "--yes") == (0, f"robot {robot}: deleted\n", "")
+    code, _, err = say("robot", "delete", robot, "--yes")
+    assert code == 2
+    assert f"no robot is named '{robot}'" in err
+
+
+def test_what_is_in_quarantine_is_listed_and_only_that_is_released(
+    say: Say, shared: Shared, robot: str
+) -> None:
+    shared.robot(robot)
+    assert say("robot", "release", robot) == (0, f"nothing of {robot} is in quarantine\n", "")
+    code, _, err = say("robot", "release", robot, "hokuyo")
+    assert code == 2
+    assert f"'hokuyo' of {robot} is not in quarantine; there are: none" in err

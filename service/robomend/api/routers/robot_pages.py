@@ -19,6 +19,7 @@ from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
 from robomend.model.vocabulary import ACTIVE
+from robomend.repairs.headline import of_robot
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
@@ -70,6 +71,7 @@ async def robot_page(
     if "state" in wanted or "repair" in wanted:
         newest = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
         values |= {"repair": newest[0] if newest else None, "repairs": newest}
+        values["headline"] = of_robot(state, values["repair"])
     if "state" in wanted:
         values["findings"] = await parts.repairs.findings(robot)
         values["quarantine"] = await parts.repairs.quarantined(robot)

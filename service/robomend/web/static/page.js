@@ -21,14 +21,22 @@ let beganMs = Number(body.dataset.nowMs) - passedMs(); // by the service's clock
 
 /** Write ages by the service's clock: this computer's may be minutes off. */
 function ages() {
-  const now = beganMs + passedMs();
-  for (const time of document.querySelectorAll("time[data-ms]")) {
-    if (!time.title) time.title = time.textContent;
-    const seconds = Math.round((now - Number(time.dataset.ms)) / 1000);
-    const text = seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
+  for (const time of document.querySelectorAll("time[data-age]")) {
+    const text = ago(time);
     if (time.textContent !== text) time.textContent = text;
   }
 }
+
+function ago(time) {
+  const seconds = Math.round((beganMs + passedMs() - Number(time.dataset.ms)) / 1000);
+  return seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
+}
+
+// Of a time that is pointed at, its title says how long ago it was.
+document.addEventListener("pointerover", (event) => {
+  const time = event.target.closest?.("time[data-ms]:not([data-age])");
+  if (time) time.title = `${ago(time)}, ${time.title.replace(/^.* (ago|in .*), /, "")}`;
+});
 
 function age(seconds) {
   if (seconds < 100) return `${seconds} s`;
@@ -56,7 +64,7 @@ document.addEventListener("submit", async (event) => {
   try {
     const answer = await fetch(form.action, { method: "POST", body: fields, redirect: "manual" });
     if (answer.ok || answer.type === "opaqueredirect") {
-      say(form.dataset.live || "Done.");
+      say(event.submitter?.dataset.live || form.dataset.live || "Done.");
       form.reset();
     } else {
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
