@@ -94,9 +94,45 @@ def test_the_graph_shades_suspects_and_leads_to_the_reasons(ill: Service, look: 
         "map should be ok because hokuyo, hokuyo_node and hector_mapping are taken"
     )
     expect(opened).to_contain_text("not ab(hector_mapping) and ok(scan) -> ok(map)")
-    before = page.locator("svg.graph").get_attribute("width")
+    wide = "document.querySelector('svg.graph').getBoundingClientRect().width"
+    assert page.evaluate(wide) <= page.evaluate("document.querySelector('.graph-box').clientWidth"), "it fits"
+    before = page.evaluate(wide)
     page.get_by_role("button", name="Larger").click()
-    assert int(page.locator("svg.graph").get_attribute("width") or 0) > int(before or 0)
+    assert page.evaluate(wide) > before
+
+
+def test_the_graph_shows_the_way_from_cause_to_symptom_and_what_a_thing_rests_on(
+    ill: Service, look: Look
+) -> None:
+    page = awaiting(ill, look, "ill")
+    assert page.locator("svg.graph .edge.path").count() == 4  # hokuyo, its node, scan, hector_mapping, map
+    page.locator("svg.graph .topic.silent").hover()
+    expect(page.locator("svg.graph.tracing")).to_be_attached()
+    rests = page.locator("svg.graph .thing.upstream text").all_text_contents()
+    upstream = {"hokuyo", "hokuyo_node", "scan", "hector_mapping", "map"}
+    assert {text.strip("✕!? ") for text in rests} == upstream
+    page.get_by_role("heading", name="What rests on what").hover()
+    expect(page.locator("svg.graph.tracing")).to_have_count(0)
+
+
+def test_what_is_bad_is_seen_first_and_the_rest_is_folded_by_component(service: Service, look: Look) -> None:
+    service.with_robot("sorted", policy="observe")
+    rate = {"value": 3, "unit": "of 10 Hz", "limit": "8 to 12 Hz", "symptom": "slow"}
+    fine = {"value": 2.0, "unit": "of 2 Hz"}
+    seen = ("ok(imu_data)", "ok(odom)", "on(hokuyo)", "running(hokuyo_node)", "not ok(scan)", "ok(map)")
+    service.observe(*seen, robot="sorted", readings=[None, None, None, None, rate, fine])
+    page = live(look(service), "/ui/robots/sorted")
+    obs = page.locator('[data-part="obs"]')
+    expect(obs.locator("tbody tr").first).to_contain_text("not ok(scan) 3 of 10 Hz, 8 to 12 Hz")
+    good = obs.locator("#obs-good")
+    assert good.get_attribute("open") is None
+    expect(good.locator("summary")).to_have_text("5 are as they should be, of 5 components")
+    good.locator("summary").click()
+    row = good.locator("tr", has=page.get_by_role("rowheader", name="hector_mapping"))
+    expect(row).to_contain_text("ok(map) 2 of 2 Hz")
+    expect(good.locator("tr", has=page.get_by_role("rowheader", name="hokuyo_node"))).to_contain_text(
+        "running(hokuyo_node)"
+    )
 
 
 def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service, look: Look) -> None:
@@ -200,7 +236,7 @@ def test_of_a_robot_whose_observations_are_outlived_nothing_is_shown_as_good(
     service.api("POST", "/robots/gone/observations", json={"observations": seen, "lifetime_s": 1})
     page = live(look(service), "/ui/robots/gone")
     expect(page.locator('[data-part="state"]')).to_contain_text("unknown")
-    expect(page.locator('[data-part="obs"] caption')).to_have_text("None known, 4 outlived")
+    expect(page.locator('[data-part="obs"] .counted')).to_have_text("None known, 4 outlived")
     expect(page.locator('[data-part="diagnosis"]')).to_contain_text("nobody was seen to be well")
     past = page.locator('[data-part="past"] svg.wide')
     expect(past.locator(".suspect").first).to_be_attached()

@@ -64,9 +64,14 @@ def test_the_model_comes_with_the_robot_where_that_is_asked_for(
         ("policy: auto\n", "`model` names the model that the robot follows"),
         (
             "model: tedusar\npolcy: auto\n",
-            "body.polcy: Extra inputs are not permitted; did you mean 'policy'?",
+            "robot.yaml:2: `polcy`: Extra inputs are not permitted; did you mean 'policy'?",
         ),
-        ("model: tedusar\nhold_s: soon\n", "body.hold_s: Input should be a valid number"),
+        ("model: tedusar\n\nhold_s: soon\n", "robot.yaml:3: `hold_s`: Input should be a valid number"),
+        (
+            "model: tedusar\nboard:\n  host: b\n  port: many\n",
+            "robot.yaml:4: `board.port`: Input should be a valid integer",
+        ),
+        ("robomend: 1\nnodes: {}\n", "robot.yaml:1: this is a model (it has nodes, robomend)"),
     ],
 )
 def test_a_file_at_fault_is_refused_with_its_place(

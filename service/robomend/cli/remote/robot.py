@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,9 @@ from robomend.cli.files import ExistingFile
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
+
+if TYPE_CHECKING:
+    from robomend_client.rest.errors import InvalidRequest
 
 PAGE = 1000
 """Robots in one answer of the service."""
@@ -77,6 +80,8 @@ def put(robot: str, file: Path, model: Path | None, url: str, key: str | None, f
         before = version(client, "robot", robot)
         try:
             now = client.put_robot(robot, config, before)
+        except InvalidRequest as error:
+            raise InputError(_refused(error, file)) from error
         except NotFound as error:
             known = [one["name"] for one in client.models()["items"]]
             raise InputError(_no_model(error, name, known)) from error
@@ -161,6 +166,17 @@ def _what(before: str | None, after: str, changed: str) -> str:
     if before is None:
         return "created"
     return "as it was" if before == after else changed
+
+
+def _refused(error: InvalidRequest, file: Path) -> str:
+    """Return what the service says of a configuration, with the line of each field in its file."""
+    from robomend.cli.robot_file import place_in
+
+    faults = [one for one in error.problem.get("errors") or () if one["place"].startswith("body.")]
+    if not faults:
+        return f"{file}: {error.detail}"
+    places = ((one["place"].removeprefix("body."), one["message"]) for one in faults)
+    return "\n".join(f"{place_in(file, place)}: `{place}`: {message}" for place, message in places)
 
 
 def _no_model(error: Exception, name: str, known: list[str]) -> str:
