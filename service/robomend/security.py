@@ -165,6 +165,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", "/ui/repairs/{repair}"): READ,
     ("POST", "/ui/repairs/{repair}"): ACT,
     ("GET", "/ui/moments/{moment}"): READ,
+    ("GET", "/ui/repairs/{repair}/report"): READ,
     ("GET", "/ui/repairs"): READ,
     ("GET", "/ui/batches"): READ,
     ("POST", "/ui/batches"): ACT,

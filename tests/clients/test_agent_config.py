@@ -162,8 +162,9 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.Captur
 def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     beside = 'observers:\n  scan: {kind: property, source: "scan:range", low: 1}\n'
     loaded(tmp_path, WHOLE + beside)
-    assert main([str(tmp_path / "agent.yaml"), "--check"]) == 0
-    said = capsys.readouterr().out
+    assert main([str(tmp_path / "agent.yaml"), "--check"]) == 3
+    said, amiss = capsys.readouterr()
+    assert f"processes.laser.command: directory {tmp_path / 'work'} is not there" in amiss
     assert "topic scan: 20 ± 2 Hz" in said
     assert "observer scan (property): ok(scan)" in said  # another one than the topic's
     assert "process laser: laser --device /dev/ttyACM0" in said
@@ -198,6 +199,30 @@ def test_check_says_what_actions_would_send_and_sends_nothing(
         "  restart(cam): /box is asked to restart /cam",
     ):
         assert f"{line}\n" in said + "\n"
+
+
+def test_check_looks_for_the_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there, not_executable = tmp_path / "there", tmp_path / "text"
+    for file in (there, not_executable):
+        file.write_text("#!/bin/sh\n")
+    there.chmod(0o755)
+
+    def checked(processes: str, actions: str = "") -> tuple[int, str]:
+        text = f"robot: r\nservice: {{url: 'http://127.0.0.1:1'}}\nprocesses: {{{processes}}}\n"
+        (tmp_path / "agent.yaml").write_text(f"{text}actions: {{{actions}}}\n")
+        return main([str(tmp_path / "agent.yaml"), "--check"]), capsys.readouterr().err
+
+    assert checked(f"a: {{command: [{there}]}}, b: {{command: [./there], directory: .}}") == (0, "")
+    assert checked("a: {command: [sh, -c, x]}", f"go: {{kind: process, command: [{there}]}}") == (0, "")
+    for processes, actions, why in (
+        (f"a: {{command: [{not_executable}]}}", "", f"processes.a.command: {not_executable} may not be exec"),
+        ("a: {command: [/no/such]}", "", "processes.a.command: there is no file /no/such"),
+        ("a: {command: [sh], directory: none}", "", f"processes.a.command: directory {tmp_path / 'none'} is"),
+        ("", "go: {kind: process, command: [no-such]}", "actions.go.command: no program 'no-such' is in"),
+    ):
+        code, said = checked(processes, actions)
+        assert code == 3
+        assert f"{tmp_path / 'agent.yaml'}: {why}" in said
 
 
 def test_the_agent_imports_nothing_that_draws() -> None:

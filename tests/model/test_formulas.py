@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from robomend.errors import ObservationError
 from robomend.model.formulas import And, Leaf, Not, Or, Truth, conjuncts
-from robomend.model.sentences import MAX_DEPTH, parse
+from robomend.model.sentences import MAX_DEPTH, parse, tokens
 from robomend_client.literals import holds
 
 P, Q, R = holds("p"), holds("q"), holds("r")
@@ -40,3 +42,21 @@ def test_what_stands_side_by_side_is_no_nesting() -> None:
     assert conjuncts(parse(beside)) == (P,) * MAX_DEPTH
     with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
         parse(f"{beside} and {'not ' * (MAX_DEPTH + 1)}p")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "position", "instead"),
+    [
+        ("not ab(a) => ok(b)", 10, "->"),
+        ("not ab(a) ==> ok(b)", 10, "->"),
+        ("ok(a) <=> ok(b)", 6, "<->"),
+        ("ok(a) && ok(b)", 6, "and"),
+        ("ok(a)||ok(b)", 5, "or"),
+    ],
+)
+def test_a_sign_of_another_language_is_told_with_the_one_to_write(
+    sentence: str, position: int, instead: str
+) -> None:
+    with pytest.raises(ObservationError, match=re.escape(f"is not known: write '{instead}'")) as caught:
+        tokens(sentence)
+    assert caught.value.position == position

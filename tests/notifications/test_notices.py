@@ -16,9 +16,32 @@ WAITING: dict[str, Any] = {
     "state": "awaiting-approval",
     "round": 1,
     "diagnosis": {"bad": ["jaguar"], "good": []},
-    "plan": [{"text": "power_up(jaguar)"}, {"text": "start_node(jaguar_node)"}],
+    "plan": [
+        {"name": "power_up", "parameters": ["jaguar"], "text": "power_up(jaguar)", "state": "waiting"},
+        {"name": "start_node", "parameters": ["j_node"], "text": "start_node(j_node)", "state": "waiting"},
+    ],
+    "rounds": [
+        {
+            "diagnosis": {"bad": ["jaguar"], "good": []},
+            "weight": 1.0,
+            "symptoms": [
+                {
+                    "literal": "not on(jaguar)",
+                    "since_ns": 1_764_000_000 * 10**9,
+                    "onset_ns": None,
+                    "blames": ["jaguar"],
+                }
+            ],
+        }
+    ],
     "reason": "",
+    "policy": "approve",
+    "waiting_for": [],
+    "created_ns": 1_764_000_000 * 10**9,
+    "finished_ns": None,
 }
+
+ENDED = {"finished_ns": 1_764_000_001 * 10**9}
 
 
 def event(kind: Kind, data: dict[str, Any], *, robot: str | None = "r1", number: int = 7) -> Event:
@@ -34,8 +57,12 @@ def told(kind: Kind, data: dict[str, Any], **more: Any) -> Notice:
 def test_a_plan_that_waits_for_a_yes_is_told_with_what_it_is_for() -> None:
     notice = told(Kind.REPAIR, WAITING)
     assert notice.about == "approval"
-    assert notice.title == "r1: a plan waits for a yes"
-    assert notice.lines == ("diagnosis: jaguar", "plan: power_up(jaguar); start_node(jaguar_node)")
+    assert notice.title == "r1: jaguar has no power since 16:00:00"
+    assert notice.lines == (
+        "Power up jaguar and start j_node?",
+        "plan: Power up jaguar; Start j_node",
+        "diagnosis: jaguar",
+    )
 
 
 def test_what_was_measured_of_the_newest_symptoms_is_told() -> None:
@@ -43,8 +70,9 @@ def test_what_was_measured_of_the_newest_symptoms_is_told() -> None:
         {"literal": "not ok(scan)", "reading": {"value": 0, "text": "0 of 10 Hz for 2.1 s"}},
         {"literal": "not ok(map)"},
     ]
-    notice = told(Kind.REPAIR, {**WAITING, "rounds": [{"symptoms": []}, {"symptoms": symptoms}]})
-    assert notice.lines[1] == "seen: not ok(scan): 0 of 10 Hz for 2.1 s"
+    first = WAITING["rounds"][0]
+    notice = told(Kind.REPAIR, {**WAITING, "rounds": [first, {**first, "symptoms": symptoms}]})
+    assert notice.lines[-1] == "seen: not ok(scan): 0 of 10 Hz for 2.1 s"
 
 
 def test_the_same_plan_is_the_same_notice_and_another_one_is_another() -> None:
@@ -57,13 +85,14 @@ def test_the_same_plan_is_the_same_notice_and_another_one_is_another() -> None:
 
 def test_a_question_waits_for_an_answer() -> None:
     notice = told(Kind.REPAIR, {**WAITING, "plan": [], "reason": "did arm(gripper) act?"})
-    assert notice.title == "r1: a question waits for an answer"
-    assert notice.lines[-1] == "reason: did arm(gripper) act?"
+    assert notice.lines[0] == "A person is asked: did arm(gripper) act?"
 
 
 @pytest.mark.parametrize("state", ["escalated", "failed"])
 def test_a_repair_that_needs_a_person_is_told_once(state: str) -> None:
-    notice = told(Kind.REPAIR, {**WAITING, "state": state, "reason": "every round was tried"})
+    notice = told(Kind.REPAIR, {**WAITING, **ENDED, "state": state, "reason": "every round was tried"})
+    assert "A person is needed" in notice.lines[0]
+    assert "every round was tried" in notice.lines[0]
     assert (notice.about, notice.key) == ("escalated", "escalated:r-1")
     assert notice.repair == "r-1"
 
@@ -115,10 +144,11 @@ def test_nobody_is_told_of_the_rest(kind: Kind, data: dict[str, Any]) -> None:
 
 
 def test_what_is_long_is_cut() -> None:
-    plan = [{"text": f"power_up(c{n})"} for n in range(500)]
+    plan = [{**WAITING["plan"][0], "parameters": [f"c{n}"]} for n in range(500)]
     notice = told(Kind.REPAIR, {**WAITING, "plan": plan, "reason": "x" * 5000})
-    assert notice.lines[1].endswith("power_up(c19) and 480 more")
-    assert len(notice.lines[2]) < 1100
+    assert notice.lines[0] == "Power up c0, power up c1 and 498 more?"
+    assert notice.lines[1].endswith("Power up c19 and 480 more")
+    assert len(notice.lines[3]) < 1100
 
 
 def test_a_message_leads_to_the_page_of_what_it_tells() -> None:

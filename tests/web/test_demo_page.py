@@ -41,7 +41,7 @@ def test_the_power_up_scenario_is_seen_from_the_diagnosis_to_the_verified_repair
         expect(page.locator(".record")).to_contain_text("repaired, and seen to work")
         expect(page.locator('[data-part="state"] .badge')).to_have_text("healthy")
         record = page.locator(".record").inner_text()
-        for step in ("power_up(jaguar)", "power_up(hokuyo)", "start_node(hector_mapping)"):
+        for step in ("Power up jaguar", "Power up hokuyo", "Start hector_mapping"):
             assert step in record
         drawn = page.locator(".timeline .wide rect.action")
         expect(drawn).to_have_count(12)

@@ -49,11 +49,13 @@ def test_every_robot_is_told_with_its_state_its_diagnosis_and_what_it_waits_for(
 ) -> None:
     page = live(look(seen))
     broken = page.locator("tr", has=page.get_by_role("link", name="broken", exact=True))
-    expect(broken.locator("td.person")).to_contain_text("approval of a plan of")
-    assert re.search(r"unhealthy\s+hokuyo or 1 other\s+approval of a plan of 2 actions", row(page, "broken"))
-    assert re.search(r"unhealthy\s+jaguar\s+a person: its policy is to observe only", row(page, "looked-at"))
-    assert re.search(r"healthy\s+–\s+–", row(page, "works"))
-    assert re.search(r"unknown\s+–\s+–", row(page, "never-reported"))
+    expect(broken.locator("td.person")).to_contain_text("?")
+    at = r"since \d\d:\d\d:\d\d"
+    assert re.search(rf"scan is not as it should be {at}, because of one of two: hokuyo", row(page, "broken"))
+    assert "Restart hokuyo_node?" in row(page, "broken")
+    assert re.search(rf"jaguar has no power {at}\.\s+A person is needed: its policy", row(page, "looked-at"))
+    assert re.search(rf"Healthy {at}\.\s+Nothing is to be done\.", row(page, "works"))
+    assert "Nothing has been reported yet." in row(page, "never-reported")
     # In one look: the list is put in its order anew with each change that comes in.
     rows = page.locator("tbody tr")
     persons = rows.evaluate_all("all => all.map(one => one.querySelectorAll('td.person').length)")

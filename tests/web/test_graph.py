@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.resources import resource
-from robomend.web.graph import BOX, Thing, layout, svg
+from robomend.web.graph import BOX, Thing, layout, path, svg
 from robomend.web.suspicion import Suspicion, suspicions
 
 
@@ -61,6 +61,20 @@ def test_what_is_drawn_is_well_formed_and_says_how_each_is() -> None:
     titles = [each.text for each in ElementTree.fromstring(text).iter("title")]
     assert titles == ["hardware <a & b>: suspect, 25% of the suspicion", "node n: good", "topic t: silent"]
     assert 'href="#why-0"' in text
+
+
+def test_the_way_from_a_cause_to_its_symptoms_is_marked_and_nothing_else() -> None:
+    parts = model(
+        "hardware:\n  d: {channel: 1}\n  e: {channel: 2}\nnodes:\n"
+        "  n: {drives: [d], publishes: {t: [], w: []}}\n"
+        "  m: {publishes: {u: [t]}}\n  k: {drives: [e], publishes: {v: []}}\n"
+    )
+    found = {"d": Suspicion("bad", 1.0), "k": Suspicion("suspect", 0.3)}
+    drawn = layout(parts)
+    on = path(drawn, found, {"u": False, "v": True})
+    assert {thing.name for thing in on} == {"d", "n", "t", "m", "u"}
+    assert svg(drawn, found, {"u": False, "v": True}, {}).count(" path") == 4
+    assert path(drawn, found, {"u": True}) == frozenset()
 
 
 def test_suspicion_is_the_probability_or_the_part_of_the_diagnoses() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -92,7 +93,7 @@ def test_what_if_has_an_address_and_touches_no_robot(kept: Service, look: Look) 
     page.get_by_role("button", name="Ask").click()
     expect(page.locator(".diagnoses li")).to_have_count(1)
     assert "hokuyo_node explains not ok(scan)" in page.inner_text(".diagnoses")
-    assert "start_node(hokuyo_node)" in page.inner_text(".plan")
+    assert "Start hokuyo_node" in page.inner_text(".plan")
     assert "model=tedusar" in page.url
     keep(page, "what-if")
     again = live(visitor, page.url.removeprefix(kept.url))
@@ -111,6 +112,39 @@ def test_repairs_and_the_audit_log_tell_who_did_what_and_why(kept: Service, look
     expect(row).to_contain_text("<b>not today</b>")
     expect(row).to_contain_text("local")
     keep(page, "audit")
+    machine = page.locator("tbody tr", has=page.get_by_role("rowheader", name="robomend"))
+    # What it did to one repair, between two things that people did to it, is one line.
+    assert 1 <= machine.count() <= 2
+    machine = machine.last
+    machine.get_by_text("steps").click()
+    expect(machine).to_contain_text("repair.create")
+    assert machine.locator("td.reason").inner_text().count("to be repaired") <= 1, "a reason is told once"
+    page.get_by_label("Who").select_option("people")
+    page.get_by_role("button", name="Show").click()
+    expect(page.get_by_role("rowheader", name="robomend")).to_have_count(0)
+    expect(page.locator("tbody tr", has=page.get_by_text("repair.cancel", exact=True))).to_have_count(1)
+    assert "observations.report" not in page.inner_text("tbody")
+
+
+def test_a_repair_is_one_file_to_print_and_to_send(kept: Service, look: Look, tmp_path: Path) -> None:
+    repair = kept.api("GET", "/robots/r1/repairs").json()["items"][0]
+    page = live(look(kept), f"/ui/repairs/{repair['id']}")
+    with page.expect_download() as downloading:
+        page.get_by_role("link", name="to send").click()
+    file = tmp_path / downloading.value.suggested_filename
+    assert file.name == f"{repair['id']}.html"
+    downloading.value.save_as(file)
+    text = file.read_text()
+    assert not re.search(r"(?:src|href)=|<script|@import|url\(", text), "it needs nothing else"
+    page.get_by_role("link", name="Report to print").click()
+    shown = page.inner_text("body")
+    for said in (repair["headline"], "<b>not today</b>", "repair.cancel", "local", "Power up", "Account"):
+        assert said in shown
+    assert page.evaluate("getComputedStyle(document.querySelector('td')).whiteSpace") == "nowrap", "its style"
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert serious(page) == []
+    keep(page, "report")
 
 
 @pytest.mark.parametrize(("role", "audit"), [("viewer", 0), ("operator", 0), ("admin", 1)])

@@ -9,7 +9,16 @@ from robomend.web.plan_graph import MOST, svg
 
 
 def step(index: int, text: str, *after: int, state: str = "waiting") -> dict[str, Any]:
-    return {"index": index, "text": text, "after": list(after), "state": state}
+    name, _, parameter = text.rstrip(")").partition("(")
+    parameters = [parameter] if parameter else []
+    return {
+        "index": index,
+        "text": text,
+        "name": name,
+        "parameters": parameters,
+        "after": list(after),
+        "state": state,
+    }
 
 
 PLAN = [
@@ -28,9 +37,9 @@ def boxes(drawn: str) -> dict[str, tuple[int, int]]:
 
 def test_what_waits_stands_right_of_what_it_waits_for_and_the_rest_side_by_side() -> None:
     at = boxes(svg(PLAN, False))
-    assert at["power_up(base)"][0] == at["power_up(lidar)"][0]
-    assert at["power_up(base)"][1] != at["power_up(lidar)"][1]
-    chain = ["power_up(base)", "stop_node(base_node)", "start_node(base_node)"]
+    assert at["Power up base"][0] == at["Power up lidar"][0]
+    assert at["Power up base"][1] != at["Power up lidar"][1]
+    chain = ["Power up base", "Stop base_node", "Start base_node"]
     assert [at[one][0] for one in chain] == sorted({at[one][0] for one in chain})
     assert len({at[one][1] for one in chain}) == 1, "beside what it waits for"
     assert svg(PLAN, False).count('class="edge"') == 2
@@ -47,7 +56,8 @@ def test_names_are_text_whatever_is_in_them_and_cut_where_they_are_long() -> Non
     drawn = svg([step(0, "<script>"), step(1, "a" * 200, 0)], False)
     assert "<script>" not in drawn
     assert "&lt;script&gt;" in drawn
-    assert re.search(r">a{10,30}…a{10,30}<", drawn)
+    assert "start_node(a)" in svg([step(0, "start_node(a)"), step(1, "b", 0)], False), "its PDDL name"
+    assert re.search(r">Aa{9,30}…a{10,30}<", drawn)
     assert "a" * 200 in drawn, "in its title"
 
 

@@ -71,7 +71,7 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     assert "There are no others." in diagnosis
     assert re.search(r"ok\(scan\)\? It would tell hector_mapping \(yes\) from hokuyo", diagnosis)
     assert "Expected: 0.92 bit for 1.0 s of looking." in diagnosis
-    assert "Approve: carry it out" in part(page, "repair")
+    assert "Approve" in part(page, "state")
     observed = part(page, "obs")
     assert re.search(
         r"not ok\(map\)\s+0 of 2 Hz for 3.1 s, 1 to 3 Hz\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed
@@ -94,9 +94,45 @@ def test_the_graph_shades_suspects_and_leads_to_the_reasons(ill: Service, look: 
         "map should be ok because hokuyo, hokuyo_node and hector_mapping are taken"
     )
     expect(opened).to_contain_text("not ab(hector_mapping) and ok(scan) -> ok(map)")
-    before = page.locator("svg.graph").get_attribute("width")
+    wide = "document.querySelector('svg.graph').getBoundingClientRect().width"
+    assert page.evaluate(wide) <= page.evaluate("document.querySelector('.graph-box').clientWidth"), "it fits"
+    before = page.evaluate(wide)
     page.get_by_role("button", name="Larger").click()
-    assert int(page.locator("svg.graph").get_attribute("width") or 0) > int(before or 0)
+    assert page.evaluate(wide) > before
+
+
+def test_the_graph_shows_the_way_from_cause_to_symptom_and_what_a_thing_rests_on(
+    ill: Service, look: Look
+) -> None:
+    page = awaiting(ill, look, "ill")
+    assert page.locator("svg.graph .edge.path").count() == 4  # hokuyo, its node, scan, hector_mapping, map
+    page.locator("svg.graph .topic.silent").hover()
+    expect(page.locator("svg.graph.tracing")).to_be_attached()
+    rests = page.locator("svg.graph .thing.upstream text").all_text_contents()
+    upstream = {"hokuyo", "hokuyo_node", "scan", "hector_mapping", "map"}
+    assert {text.strip("✕!? ") for text in rests} == upstream
+    page.get_by_role("heading", name="What rests on what").hover()
+    expect(page.locator("svg.graph.tracing")).to_have_count(0)
+
+
+def test_what_is_bad_is_seen_first_and_the_rest_is_folded_by_component(service: Service, look: Look) -> None:
+    service.with_robot("sorted", policy="observe")
+    rate = {"value": 3, "unit": "of 10 Hz", "limit": "8 to 12 Hz", "symptom": "slow"}
+    fine = {"value": 2.0, "unit": "of 2 Hz"}
+    seen = ("ok(imu_data)", "ok(odom)", "on(hokuyo)", "running(hokuyo_node)", "not ok(scan)", "ok(map)")
+    service.observe(*seen, robot="sorted", readings=[None, None, None, None, rate, fine])
+    page = live(look(service), "/ui/robots/sorted")
+    obs = page.locator('[data-part="obs"]')
+    expect(obs.locator("tbody tr").first).to_contain_text("not ok(scan) 3 of 10 Hz, 8 to 12 Hz")
+    good = obs.locator("#obs-good")
+    assert good.get_attribute("open") is None
+    expect(good.locator("summary")).to_have_text("5 are as they should be, of 5 components")
+    good.locator("summary").click()
+    row = good.locator("tr", has=page.get_by_role("rowheader", name="hector_mapping"))
+    expect(row).to_contain_text("ok(map) 2 of 2 Hz")
+    expect(good.locator("tr", has=page.get_by_role("rowheader", name="hokuyo_node"))).to_contain_text(
+        "running(hokuyo_node)"
+    )
 
 
 def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service, look: Look) -> None:
@@ -117,12 +153,13 @@ def test_a_plan_is_approved_carried_out_and_told_in_words(service: Service, look
     service.with_robot("approved")
     service.observe("not ok(map)", "not running(hector_mapping)", robot="approved")
     page = awaiting(service, look, "approved")
-    page.locator('[data-part="repair"]').get_by_label("Why").fill("I looked")
+    page.locator('[data-part="state"]').get_by_label("Why").fill("I looked")
     page.get_by_role("button", name="Approve").click()
     expect(page.locator('[data-part="repair"] .badge').first).not_to_have_text("awaiting approval")
     repair = service.api("GET", "/robots/approved/repairs").json()["items"][0]["id"]
     page.goto(f"{service.url}/ui/repairs/{repair}")
-    expect(page.locator(".record")).to_contain_text("start_node(hector_mapping)")
+    expect(page.locator(".record")).to_contain_text("Start hector_mapping")
+    assert page.locator('.record [title="start_node(hector_mapping)"]').count()
     audit = service.api("GET", "/audit", params={"robot": "approved"}).json()["items"]
     assert [one["reason"] for one in audit if one["action"] == "repair.approve"] == ["I looked"]
 
@@ -161,7 +198,7 @@ def test_a_second_person_who_says_yes_is_told_that_it_was_said(service: Service,
     # Their page would follow the event before they click.
     second.route("**/ui/robots/twice", lambda route: route.abort())
     first.get_by_role("button", name="Approve").dblclick()
-    expect(first.locator("#said")).to_have_text("Taken down.")
+    expect(first.locator("#said")).to_have_text("Approved.")
     second.get_by_role("button", name="Approve").click()
     expect(second.locator("#said")).to_contain_text(re.compile("awaits no approval|already"))
     second.unroute("**/ui/robots/twice")
@@ -175,7 +212,7 @@ def test_a_plan_is_shown_without_acting(service: Service, look: Look) -> None:
     page = live(look(service), "/ui/robots/observed")
     page.get_by_role("link", name="Plan without acting").click()
     expect(page.get_by_text("What a repair would do (nothing is done)")).to_be_visible()
-    assert "power_up(jaguar)" in part(page, "repair")
+    assert "Power up jaguar" in part(page, "repair")
     assert page.get_by_role("button", name="Ask for a repair").count() == 0
     assert service.api("GET", "/robots/observed/repairs").json()["items"] == []
 
@@ -199,7 +236,7 @@ def test_of_a_robot_whose_observations_are_outlived_nothing_is_shown_as_good(
     service.api("POST", "/robots/gone/observations", json={"observations": seen, "lifetime_s": 1})
     page = live(look(service), "/ui/robots/gone")
     expect(page.locator('[data-part="state"]')).to_contain_text("unknown")
-    expect(page.locator('[data-part="obs"] caption')).to_have_text("None known, 4 outlived")
+    expect(page.locator('[data-part="obs"] .counted')).to_have_text("None known, 4 outlived")
     expect(page.locator('[data-part="diagnosis"]')).to_contain_text("nobody was seen to be well")
     past = page.locator('[data-part="past"] svg.wide')
     expect(past.locator(".suspect").first).to_be_attached()

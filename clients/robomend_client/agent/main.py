@@ -11,12 +11,13 @@ import asyncio
 import logging
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice, product
 from pathlib import Path
 
 from robomend_client.agent.config import AgentConfig, load
 from robomend_client.agent.executors.base import Executors
+from robomend_client.agent.executors.program import Program, missing
 from robomend_client.agent.feeds import MissingExtra
 from robomend_client.buffer import BufferInUse
 from robomend_client.yaml_reader import ConfigError
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml", help="what to run, watch and report")
     parser.add_argument(
-        "--check", action="store_true", help="read the configuration, say what it means, and end"
+        "--check", action="store_true", help="say what the configuration means, look for its programs, end"
     )
     parser.add_argument("--quiet", action="store_true", help="log warnings and errors only")
     parser.add_argument("--verbose", action="store_true", help="log every step")
@@ -53,7 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 3
     if options.check:
         print(describe(config))
-        return 0
+        faults = list(missing_programs(config, options.config))
+        print(*faults, sep="\n", end="\n" * bool(faults), file=sys.stderr)
+        return 3 if faults else 0
     try:
         asyncio.run(_run(config))
     except (OSError, BufferInUse) as error:
@@ -86,6 +89,17 @@ def describe(config: AgentConfig) -> str:
             choices = islice(product(*executor.parameters), SHOWN)
             lines += [f"  {executor.name}({', '.join(one)}): {would(one)}" for one in choices]
     return "\n".join(lines)
+
+
+def missing_programs(config: AgentConfig, file: Path) -> Iterator[str]:
+    """Yield which programs of a configuration cannot be started on this computer."""
+    for spec in config.processes:
+        if (why := missing(spec.command[0], spec.directory, dict(spec.environment))) is not None:
+            yield f"{file}: processes.{spec.name}.command: {why}"
+    for action in config.actions:
+        executor = action.make()
+        if isinstance(executor, Program) and (why := executor.missing()) is not None:
+            yield f"{file}: actions.{executor.name}.command: {why}"
 
 
 def import_lean() -> None:

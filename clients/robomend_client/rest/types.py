@@ -156,6 +156,7 @@ class StatusLine(TypedDict):
     model: str
     policy: str
     state: str | None
+    headline: str
     finding: str
     more: int
     waits: str

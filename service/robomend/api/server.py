@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shlex
 import signal
 import socket
 import threading
@@ -227,9 +228,12 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
 def check_exposure(settings: Settings, any_key: bool) -> None:
     """Refuse to listen where others reach us while nobody needs a key."""
     if not loopback(settings.host) and not any_key:
+        where = f"--data {shlex.quote(str(settings.data))}"
+        if settings.database is not None:  # its URL may hold a password
+            where = "and the --database of this service"
         raise InputError(
             f"host {settings.host!r} is reachable from other computers, and there is no key yet: "
-            "create one with `robomend keys create --role admin`, or listen on 127.0.0.1"
+            f"create one with `robomend keys create --role admin {where}`, or listen on 127.0.0.1"
         )
     if (settings.tls_certificate is None) != (settings.tls_key is None):
         raise InputError("tls_certificate and tls_key go together: give both or neither")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from json.encoder import encode_basestring_ascii
 from typing import Any
@@ -28,6 +29,7 @@ from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.repairs.foresight import contradicted
+from robomend.repairs.headline import of_robot
 from robomend.repairs.repair_json import repair_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
@@ -142,7 +144,12 @@ def robot_line(robot: StoredRobot) -> RobotLine:
     )
 
 
-def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | None = None) -> RobotOut:
+def robot_out(
+    state: Robot,
+    findings: Sequence[str],
+    drill: Mapping[str, Any] | None = None,
+    repair: Mapping[str, Any] | None = None,
+) -> RobotOut:
     """Return a robot's configuration and how it is."""
     how, unknown = health_of(state)
     return RobotOut(
@@ -155,6 +162,7 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
         model_version=state.model.version,
         healthy=how.healthy,
         state=how.value,
+        headline=of_robot(state, repair).text(time.time_ns()),
         unknown=[str(atom) for atom in unknown],
         findings=list(findings),
         agents=[

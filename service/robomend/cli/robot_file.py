@@ -12,6 +12,9 @@ from robomend_client.yaml_tree import Mapping, Scalar, Tree, YamlError, read_tre
 
 LARGEST = 4 << 20
 
+MODEL_KEYS = frozenset({"robomend", "hardware", "nodes", "topics", "rules"})
+"""Of component models; a robot's configuration has none of them."""
+
 _INTEGER = re.compile(r"[-+]?[0-9]+\Z")
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
 _BOOLEAN = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
@@ -48,7 +51,30 @@ def read_robot_text(text: str, file: str) -> dict[str, Any]:
         raise InputError(f"{file}:{error.line or 1}: {error}") from error
     if not isinstance(tree, Mapping):
         raise InputError(f"{file}:{tree.line}: a robot's configuration is a mapping, as `model: tedusar`")
+    if "model" not in tree.items and (of_model := MODEL_KEYS & tree.items.keys()):
+        raise InputError(
+            f"{file}:{tree.line}: this is a model (it has {', '.join(sorted(of_model))}), and a robot's "
+            f"configuration is wanted: write a file with `model: NAME`, and add `--model {file}`"
+        )
     return {name: _value(value) for name, value in tree.items.items()}
+
+
+def place_in(path: Path, place: str) -> str:
+    """Return where a field of a robot's file is, as `robot.yaml:3`; `board.port` is a field of a field.
+
+    The line is that of the innermost part that the file has.
+    """
+    tree = read_tree(path.read_text(encoding="utf-8"))
+    line = tree.line
+    for name in place.split("."):
+        if isinstance(tree, Mapping) and name in tree.items:
+            line, tree = tree.lines[name], tree.items[name]
+        elif not isinstance(tree, Mapping | Scalar) and name.isdigit() and int(name) < len(tree.items):
+            tree = tree.items[int(name)]
+            line = tree.line
+        else:
+            break
+    return f"{path}:{line}"
 
 
 def _value(tree: Tree) -> Any:

@@ -95,6 +95,12 @@ def load_text(
         raise ModelError(other, file)
     if isinstance(tree, Mapping) and not OF_AGENTS.isdisjoint(tree.items):
         raise ModelError("this is an agent's file, or its observers; the model is a file beside it", file)
+    if not found and {"model", "policy"} & set(keys):
+        raise ModelError(
+            "this is a robot's configuration, not a model: hand in the file of the model that it names",
+            file,
+            tree.line,
+        )
     raise ModelError(
         "no model: a component model begins with `robomend: 1`, a five-key model has the keys "
         f"{', '.join(KEYS)}, a circuit has lines like INPUT(1)",

@@ -74,6 +74,18 @@ class Token(NamedTuple):
     position: int
 
 
+MEANT = {
+    "==>": "->",
+    "=>": "->",
+    "⇒": "->",
+    "<=>": "<->",
+    "⇔": "<->",
+    "&&": "and",
+    "||": "or",
+}
+"""Signs of other languages, the longer before those that they begin with, and the words for them here."""
+
+
 def tokens(sentence: str) -> list[Token]:
     """Return the tokens of a sentence, ended by one of kind "end".
 
@@ -87,10 +99,13 @@ def tokens(sentence: str) -> list[Token]:
     found: list[Token] = []
     at = 0
     while not BLANK.match(sentence, at):
+        while sentence[at].isspace():
+            at += 1
+        meant = next((one for one in MEANT if sentence.startswith(one, at)), None)
+        if meant is not None:
+            raise ObservationError(f"{meant!r} is not known: write {MEANT[meant]!r}", sentence, at)
         match = TOKEN.match(sentence, at)
         if match is None:
-            while sentence[at].isspace():
-                at += 1
             if sentence[at] == '"':
                 raise ObservationError("the quoted name is not closed", sentence, at)
             raise ObservationError(

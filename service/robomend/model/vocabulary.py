@@ -167,8 +167,26 @@ class Vocabulary:
                 allowed = sorted({*islice(chain.from_iterable(choices), LOOKED_AT)})
                 near = did_you_mean(arg, allowed, quote)
                 declared = _some(allowed, count=sum(map(len, choices)))
+                if instead := self._instead(atom, arg):
+                    return f"{instead}; no {what} is named {quote(arg)}"
                 return f"no {what} is named {quote(arg)}{near or '; declared are ' + declared}"
         return f"{atom} is not declared: its names do not go together"
+
+    def _instead(self, atom: Atom, name: str) -> str:
+        """Return what may be said of a name that another predicate takes: `not ok(lidar)` of a device."""
+        if len(atom.args) != 1:
+            return ""
+        words = {
+            f"{predicate}({quote(name)})": _SINGULAR.get(signature[0], signature[0])
+            for predicate, signatures in self.predicates.items()
+            for signature in signatures
+            if len(signature) == 1 and predicate != atom.predicate and name in self._members[signature[0]]
+        }
+        if not words:
+            return ""
+        kind = next(iter(words.values()))
+        what = kind if kind == "hardware" else f"a {kind}"
+        return f"{quote(name)} is {what}: write {' or '.join(list(words)[:3])}"
 
     def __getstate__(self) -> dict[str, object]:
         """Pickle the declarations without what was computed from them."""

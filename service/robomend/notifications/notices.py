@@ -19,6 +19,8 @@ from typing import Any
 from urllib.parse import quote
 
 from robomend.drills.states import DrillState
+from robomend.planning.plan import action_titles
+from robomend.repairs.headline import of_repair, short, told
 from robomend.repairs.states import RepairState
 from robomend.timestamps import rfc3339
 from robomend_client.events import Event, Kind
@@ -117,26 +119,31 @@ def _of_repair(event: Event) -> Notice | None:
     repair, reason = str(data.get("id")), _short(data.get("reason") or "")
     plan = [str(step.get("text")) for step in data.get("plan") or ()]
     diagnosis = data.get("diagnosis") or {}
-    lines = []
-    if diagnosis.get("bad"):
-        lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
-    lines += [f"seen: {one}" for one in _measured(data)]
+    headline = of_repair(data)
+    what, then = (told(words, event.time_ns) for words in (headline.what, headline.then))
+    lines = [then]
     if state == RepairState.AWAITING_APPROVAL:
-        about, what = "approval", "a plan waits for a yes" if plan else "a question waits for an answer"
-        lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
+        about = "approval"
+        lines += [f"plan: {_listed(action_titles(_acts(data)), '; ')}"] if len(plan) > 1 else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
     elif data.get("drill") is not None or data.get("again"):
         # A planted fault is undone: nobody is needed for it. Of what is taken up again somebody was told.
         return None
-    elif state == RepairState.UNCONFIRMED:
-        if not data.get("rounds"):  # it did nothing
-            return None
-        about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and is not confirmed"
+    elif state == RepairState.UNCONFIRMED and not data.get("rounds"):  # it did nothing
+        return None
     else:
-        about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and a person is needed"
-    lines += [f"reason: {reason}"] if reason else []
-    return Notice(about, key, event.robot, repair, event.time_ns, f"{event.robot}: {what}", tuple(lines))
+        about, key = "escalated", f"escalated:{repair}"
+    if diagnosis.get("bad"):
+        lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
+    lines += [f"seen: {one}" for one in _measured(data)]
+    lines += [f"reason: {reason}"] if reason and short(reason) not in then else []
+    title = f"{event.robot}: {what.rstrip('.')}"
+    return Notice(about, key, event.robot, repair, event.time_ns, title, tuple(lines))
+
+
+def _acts(data: Json) -> list[tuple[str, list[str]]]:
+    return [(step["name"], step["parameters"]) for step in data.get("plan") or ()]
 
 
 def _measured(data: Json) -> list[str]:

@@ -6,6 +6,7 @@ plan is pure data and goes over HTTP as it is.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -34,6 +35,44 @@ class Step:
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.parameters)})"
+
+
+ACTIONS = {
+    "power_up": "Power up",
+    "shutdown": "Switch off",
+    "start_node": "Start",
+    "stop_node": "Stop",
+}
+"""The domain's own actions, each of one component, as people say them."""
+
+PAIRS = {("shutdown", "power_up"): "Power-cycle", ("stop_node", "start_node"): "Restart"}
+"""Two actions on one component that people have one word for."""
+
+
+def action_title(name: str, parameters: Sequence[str]) -> str:
+    """Return an action as people say it: `Start hokuyo_node`; of a user's action the words of its name."""
+    words = ACTIONS.get(name)
+    if words is not None and len(parameters) == 1:
+        return f"{words} {parameters[0]}"
+    said = " ".join(name.replace("-", "_").split("_")).strip() or name
+    said = said[0].upper() + said[1:]
+    return f"{said}: {', '.join(parameters)}" if parameters else said
+
+
+def action_titles(acts: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return actions as people say them, in their order; to stop and to start again is one thing to them."""
+    rest = [(name, tuple(parameters)) for name, parameters in acts]
+    titles: list[str] = []
+    while rest:
+        name, parameters = rest.pop(0)
+        for (first, second), words in PAIRS.items():
+            if name == first and len(parameters) == 1 and (second, parameters) in rest:
+                rest.remove((second, parameters))
+                titles.append(f"{words} {parameters[0]}")
+                break
+        else:
+            titles.append(action_title(name, parameters))
+    return titles
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Choice
 from robomend.repairs.execution_values import Ending
+from robomend.repairs.headline import began, seen
 from robomend.repairs.states import StepState
 from robomend_client.counts import counted
 from robomend_client.literals import Atom
@@ -36,15 +37,13 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
         entries: what is known of the robot; what does not hold are its symptoms.
     """
     bad = frozenset(choice.diagnosis.bad) if choice.diagnosis else frozenset()
-    symptoms = sorted(
-        (entry for entry in entries if not entry.positive),
-        key=lambda entry: (entry.onset_ns or entry.since_ns or entry.time_ns, entry.literal),
-    )
+    symptoms = sorted((entry for entry in entries if not entry.positive), key=began)
+    rests = [(one.components, tuple(map(str, one.observations))) for one in result.conflicts]
     conflicts = [one.text for one in result.conflicts if set(one.components) & bad]
     rivals = [one for one in choice.alternatives if frozenset(one.diagnosis.bad) != bad]
     chosen = next((one for one in choice.alternatives if frozenset(one.diagnosis.bad) == bad), None)
     return {
-        "symptoms": [_seen(entry) for entry in symptoms[:MOST]],
+        "symptoms": [seen(entry, rests) for entry in symptoms[:MOST]],
         "symptoms_left_out": max(0, len(symptoms) - MOST),
         "conflicts": conflicts[:MOST],
         "weight": None if chosen is None else chosen.weight,

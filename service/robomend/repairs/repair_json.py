@@ -8,6 +8,7 @@ from typing import Any
 
 from robomend.planning.plan import Step
 from robomend.repairs.execution_values import StepReport
+from robomend.repairs.headline import of_repair
 from robomend.repairs.states import StepState
 from robomend.store.records import StepRecord, StoredRepair
 from robomend.timestamps import rfc3339
@@ -59,7 +60,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         {**one, "plan": [{**waiting, **step, **reports.get(step["index"], {})} for step in one["plan"]]}
         for one in data.get("rounds", ())
     ]
-    return {
+    shown = {
         "id": repair.id,
         "robot": repair.robot,
         "state": repair.state,
@@ -88,3 +89,4 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "updated": rfc3339(repair.updated_ns),
         "finished": None if repair.open else rfc3339(repair.updated_ns),
     }
+    return {**shown, "headline": of_repair(shown).text(repair.updated_ns)}

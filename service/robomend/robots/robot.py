@@ -546,6 +546,14 @@ class Robot:
         """Return whether a diagnosis says what was published last."""
         return current.says_the_same_as(self._announced)
 
+    @property
+    def found_ns(self) -> int | None:
+        """Since when the diagnosis says what it says now; None: there is none."""
+        if self.current is None:
+            return None
+        same = self._announced is not None and self.current.says_the_same_as(self._announced)
+        return self._announced.time_ns if self._announced is not None and same else self.current.time_ns
+
     def has_announced(self, revision: int) -> bool:
         """Return whether the diagnosis that is announced here is of this revision."""
         return self._announced is not None and self._announced.revision == revision

@@ -15,11 +15,20 @@ def page(
     robot: str | None = None,
     actor: str | None = None,
     action: str | None = None,
+    subject: str | None = None,
+    without: tuple[str, ...] = (),
 ) -> Page[AuditEntry]:
-    """Return the audit log, newest first."""
+    """Return the audit log, newest first; `without` are actors and actions that are left out."""
     table = schema.audit
-    wanted = ((table.c.robot, robot), (table.c.actor, actor), (table.c.action, action))
+    wanted = (
+        (table.c.robot, robot),
+        (table.c.actor, actor),
+        (table.c.action, action),
+        (table.c.subject, subject),
+    )
     where = [column == checked(value) for column, value in wanted if value is not None]
+    if without:
+        where += [table.c.actor.not_in(without), table.c.action.not_in(without)]
     return view.newest_first(table, _entry, paging, *where, key="id")
 
 

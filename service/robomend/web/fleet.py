@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robomend.errors import RobomendError
+from robomend.repairs.headline import Headline, of_robot
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState, health_of
@@ -59,6 +60,7 @@ class Line:
     waits: str = ""
     waits_for_person: bool = False
     since_ns: int | None = None  # of the diagnosis
+    headline: Headline | None = None
 
     @property
     def rank(self) -> tuple[bool, int, str]:
@@ -70,7 +72,8 @@ class Line:
         fits = self.waits_for_person if state == WAITING else self.state == state
         if state and not fits:
             return False
-        text = f"{self.id} {self.model} {self.policy} {self.finding} {self.waits}".casefold()
+        said = "" if self.headline is None else self.headline.text(self.since_ns or 0)
+        text = f"{self.id} {self.model} {self.policy} {self.finding} {self.waits} {said}".casefold()
         return all(word in text for word in words)
 
 
@@ -194,6 +197,7 @@ def line_of(robot: Robot, repair: dict[str, Any] | None) -> Line:
     finding, more = _finding(robot)
     if not finding and unknown:
         finding = f"not known: {listed([str(atom) for atom in unknown])}"
+    headline = of_robot(robot, repair)
     waits, person = waits_for(repair, healthy=state.healthy, policy=robot.config.policy)
     current = robot.current
     return Line(
@@ -204,8 +208,9 @@ def line_of(robot: Robot, repair: dict[str, Any] | None) -> Line:
         finding,
         more,
         waits,
-        person,
+        person or headline.person,
         None if current is None else current.time_ns,
+        headline,
     )
 
 

@@ -192,6 +192,8 @@ def svg(
         links: a component -> where its explanation is.
         active: a function -> the variant by which it works; one that is not in it is unknown.
     """
+    number = {thing: index for index, thing in enumerate(drawn.places)}
+    on_path = path(drawn, found, topics)
     last = max((x for x, _ in drawn.places.values()), default=0)
     wide = 2 * MARGIN + drawn.box + (drawn.box + GAP) * last
     height = 2 * MARGIN + HEIGHT + ROW * max((y for _, y in drawn.places.values()), default=0)
@@ -204,16 +206,43 @@ def svg(
         left, y1, y2 = left + drawn.box, above + HEIGHT / 2, below + HEIGHT / 2
         bend = max(24.0, abs(right - left) / 2)
         odd = " odd" if _state(source, found, topics, active) in ODD else ""
+        odd += " path" if source in on_path and target in on_path else ""
         curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
-        out.append(f'<path class="edge{odd}" d="{curve}"/>')
-    for thing in drawn.places:
-        out.append(_box(thing, drawn, found, topics, links, active))
+        ends = f'data-from="{number[source]}" data-to="{number[target]}"'
+        out.append(f'<path class="edge{odd}" {ends} d="{curve}"/>')
+    for thing, index in number.items():
+        out.append(_box(thing, index, drawn, found, topics, links, active))
     out.append("</svg>")
     return "\n".join(out)
 
 
+def path(drawn: Layout, found: Mapping[str, Suspicion], topics: Mapping[str, bool]) -> frozenset[Thing]:
+    """Return what stands on a way from a suspect to a topic that is not as it should be, both included."""
+    after: dict[Thing, list[Thing]] = {thing: [] for thing in drawn.places}
+    before: dict[Thing, list[Thing]] = {thing: [] for thing in drawn.places}
+    for source, target in drawn.edges:
+        after[source].append(target)
+        before[target].append(source)
+    state = {thing: _state(thing, found, topics, {}) for thing in drawn.places}
+    suspects = [thing for thing in drawn.places if state[thing] in {"bad", "suspect"}]
+    symptoms = [thing for thing in drawn.places if state[thing] == "silent"]
+    return frozenset(_reached(suspects, after) & _reached(symptoms, before))
+
+
+def _reached(begin: Sequence[Thing], leads: Mapping[Thing, Sequence[Thing]]) -> set[Thing]:
+    """Return where one comes to, the beginnings included."""
+    found, waiting = set(begin), list(begin)
+    while waiting:
+        for one in leads[waiting.pop()]:
+            if one not in found:
+                found.add(one)
+                waiting.append(one)
+    return found
+
+
 def _box(
     thing: Thing,
+    index: int,
     drawn: Layout,
     found: Mapping[str, Suspicion],
     topics: Mapping[str, bool],
@@ -232,7 +261,7 @@ def _box(
     radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2, "function": 2}[thing.kind]
     fill = f' fill-opacity="{0.15 + 0.85 * share:.2f}"' if state == "suspect" else ""
     drawing = (
-        f'<g class="thing {thing.kind} {state}"><title>{escape(told)}</title>'
+        f'<g class="thing {thing.kind} {state}" data-n="{index}"><title>{escape(told)}</title>'
         f'<rect x="{x}" y="{y}" width="{box}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
         f'<text x="{x + box / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
         f'{SIGNS[state]}<tspan unicode-bidi="isolate">{escape(text)}</tspan></text></g>'

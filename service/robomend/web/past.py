@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robomend.planning.plan import action_title
 from robomend.repairs.states import StepState
 from robomend.store.records import StoredDiagnosis
 from robomend.web.timeline import ActionBar, Span, Timeline
@@ -82,5 +83,6 @@ def _bars(repair: Mapping[str, Any], start_ns: int, end_ns: int) -> list[ActionB
             if sent is not None and sent < end_ns and ended > start_ns:
                 begins = (max(sent, start_ns) - start_ns) / NS
                 ends = (min(ended, end_ns) - start_ns) / NS
-                bars.append(ActionBar(begins, ends, step["text"], step.get("state") != StepState.FAILED))
+                label = action_title(step["name"], step["parameters"])
+                bars.append(ActionBar(begins, ends, label, step.get("state") != StepState.FAILED))
     return bars

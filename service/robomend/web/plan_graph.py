@@ -14,6 +14,7 @@ from html import escape
 from math import ceil
 from typing import Any
 
+from robomend.planning.plan import action_title
 from robomend.repairs.states import StepState
 from robomend.web.letters import cut, width
 from robomend.web.words import layers
@@ -55,7 +56,7 @@ def svg(plan: Sequence[Mapping[str, Any]], states: bool) -> str:
     for x, steps in enumerate(columns):  # each beside what it waits for
         steps.sort(key=lambda step: min((places[one][1] for one in step["after"]), default=0))
         places |= {step["index"]: (x, y) for y, step in enumerate(steps)}
-    widest = max(width(step["text"], LETTERS) for step in plan)
+    widest = max(width(action_title(step["name"], step["parameters"]), LETTERS) for step in plan)
     box = min(max(BOX[0], ceil(widest + SIGN + 2 * PADDING)), BOX[1])
     wide = 2 * MARGIN + box + (box + GAP) * (len(columns) - 1)
     height = 2 * MARGIN + HEIGHT + ROW * (max(map(len, columns)) - 1)
@@ -84,8 +85,8 @@ def _edge(source: tuple[int, int], target: tuple[int, int], box: int) -> str:
 def _box(step: Mapping[str, Any], place: tuple[int, int], box: int, states: bool) -> str:
     x, y = _corner(place, box)
     kind, sign = SHOWN.get(step.get("state", ""), ("waiting", "")) if states else ("waiting", "")
-    text = step["text"]
-    shown = cut(text, box - 2 * PADDING - SIGN, LETTERS)
+    text, title = step["text"], action_title(step["name"], step["parameters"])
+    shown = cut(title, box - 2 * PADDING - SIGN, LETTERS)
     told = f"{text}: {step['state']}" if states and step.get("state") else text
     return (
         f'<g class="thing {kind}"><title>{escape(told)}</title>'

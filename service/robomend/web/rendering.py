@@ -1,8 +1,7 @@
 """Templates to HTML. Everything is escaped, nothing is inline, every number has its unit.
 
 Whatever a model, a robot or a person named is shown in a <bdi>, so that right-to-left text stays in its
-place. Times are written in UTC and carry their nanoseconds: the page's script turns them into ages, by the
-service's clock.
+place. Times are by the service's clock, in UTC: the page's script says in their titles how long ago that was.
 """
 
 from __future__ import annotations
@@ -10,7 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from datetime import UTC, datetime
+import time as clocks
+from collections.abc import Iterable, Mapping
+from datetime import UTC, date, datetime
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,9 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from robomend.planning.plan import action_title, action_titles
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
+from robomend.repairs.headline import Told, clock, in_words
 from robomend.web.moment_plot import svg as moment_svg
 from robomend.web.plan_graph import svg as plan_svg
 from robomend.web.words import duration, layers, listed, repair_state, without
@@ -54,9 +57,13 @@ def render(template: str, **values: Any) -> str:
     return _environment().get_template(template).render(values)
 
 
-@lru_cache(maxsize=4096)
 def fleet_row(line: object) -> Markup:
     """Return a line of the list of robots; most are the same from look to look, and for all who look."""
+    return _fleet_row(line, datetime.now(UTC).date())
+
+
+@lru_cache(maxsize=4096)
+def _fleet_row(line: object, today: date) -> Markup:
     return Markup(render("fleet_row.html", line=line))
 
 
@@ -105,10 +112,16 @@ def _environment() -> Environment:
         marked=marked,
         literal=literal,
         time=time,
+        age=age,
+        day=day,
+        told=told,
+        title=title,
+        titles=titles,
         percent=percent,
         amount=amount,
         duration=duration,
     )
+    environment.filters.update(in_words=in_words)
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     environment.globals.update(fleet_row=fleet_row)
@@ -153,14 +166,48 @@ def literal(text: str) -> Markup:
     return Markup('<bdi class="name">{}</bdi>').format(Markup("<wbr>").join(pieces))
 
 
-def time(time_ns: int | None) -> Markup:
-    """Return a moment, by the service's clock."""
+def time(time_ns: int | None, aged: bool = False, beside_ns: int | None = None) -> Markup:
+    """Return a moment by the clock, of another day with the date; in its title how long ago that was.
+
+    Args:
+        aged: the page's script shows how long ago it was, and the clock in the title.
+        beside_ns: a moment whose day is told already, instead of today.
+    """
     if time_ns is None:
         return Markup("–")
     moment = datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC)
-    return Markup('<time datetime="{}" data-ms="{}">{} UTC</time>').format(
-        moment.isoformat(timespec="milliseconds"), time_ns // 1_000_000, moment.strftime("%Y-%m-%d %H:%M:%S")
+    return Markup('<time datetime="{}" data-ms="{}" title="{} UTC"{}>{}</time>').format(
+        moment.isoformat(timespec="milliseconds"),
+        time_ns // 1_000_000,
+        moment.strftime("%Y-%m-%d %H:%M:%S"),
+        Markup(" data-age") if aged else "",
+        clock(time_ns, beside_ns or clocks.time_ns()),
     )
+
+
+def day(time_ns: int) -> str:
+    """Return the day of a moment, in UTC."""
+    return f"{datetime.fromtimestamp(time_ns // 10**9, UTC):%Y-%m-%d}"
+
+
+def age(time_ns: int | None) -> Markup:
+    """Return how long ago something was: for what has to be young."""
+    return time(time_ns, aged=True)
+
+
+def told(words: Told) -> Markup:
+    """Return a sentence of a headline."""
+    return Markup("").join(sentence(each) if isinstance(each, str) else time(each) for each in words)
+
+
+def title(step: Mapping[str, Any]) -> str:
+    """Return a step of a plan as people say it."""
+    return action_title(step["name"], step["parameters"])
+
+
+def titles(steps: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return a plan as people say it: to stop and to start again is one thing."""
+    return action_titles((step["name"], step["parameters"]) for step in steps)
 
 
 def in_json(value: object) -> str:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from robomend.repairs.states import RepairState, StepState
+from robomend.store.records import AuditEntry
 from robomend_client.counts import counted
 
 Json = Mapping[str, Any]
@@ -59,6 +61,40 @@ def listed(names: Sequence[str], most: int = MANY) -> str:
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
     return ", ".join(names)
+
+
+@dataclass(frozen=True, slots=True)
+class FoldedEntry:
+    """A line of the audit log: an entry, and the transitions of the same thing that it stands for."""
+
+    entry: AuditEntry
+    before: Sequence[AuditEntry]  # newest first
+
+    @property
+    def reasons(self) -> list[str]:
+        """Return what was said of why, each once, in the order of the time."""
+        said = (one.reason for one in (*reversed(self.before), self.entry) if one.reason)
+        return list(dict.fromkeys(said))
+
+
+def folded(entries: Sequence[AuditEntry], machine: str) -> list[FoldedEntry]:
+    """Return a page of the audit log, newest first: what the machine did to one thing, between two things
+    that people did to it, is one line, at its newest.
+    """
+    lines: list[FoldedEntry] = []
+    open_: dict[str, list[AuditEntry]] = {}
+    for entry in entries:
+        if entry.actor != machine:
+            open_.pop(entry.subject, None)
+            lines.append(FoldedEntry(entry, ()))
+        elif entry.subject in open_ and entry.action.startswith("repair."):
+            open_[entry.subject].append(entry)
+        else:
+            rest: list[AuditEntry] = []
+            if entry.action.startswith("repair."):
+                open_[entry.subject] = rest
+            lines.append(FoldedEntry(entry, rest))
+    return lines
 
 
 def duration(seconds: float) -> str:

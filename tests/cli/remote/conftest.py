@@ -45,6 +45,13 @@ class Shared:
         until(waits, f"a repair of {robot} awaits approval", 60)
         return found[0]
 
+    def cancelled(self, robot: str) -> str:
+        """Return the repair of a robot's fault that a person has cancelled: none begins by itself."""
+        repair = self.awaiting_approval(robot)
+        self.client.cancel(repair, "not now")
+        until(lambda: self.client.repair(repair)["finished_ns"], "it has ended")
+        return repair
+
 
 @pytest.fixture(scope="session")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shared]:

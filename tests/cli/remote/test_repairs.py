@@ -30,7 +30,7 @@ def test_a_repair_is_listed_told_approved_and_cancelled_and_a_late_click_is_told
 
     code, out, _ = say("approve", repair, "--reason", "looks right")
     assert code == 0
-    assert out.startswith(f"approved: repair {repair} of {robot}\n  stop_node(hokuyo_node)\n")
+    assert out.startswith(f"approved: repair {repair} of {robot}\n  Stop hokuyo_node\n")
     until(lambda: shared.client.repair(repair)["state"] != "awaiting-approval", "the yes is heard")
     code, out, err = say("approve", repair)
     assert (code, out) == (1, "")
@@ -44,6 +44,23 @@ def test_a_repair_is_listed_told_approved_and_cancelled_and_a_late_click_is_told
     assert repair not in say("repairs", "--open")[1]
     noted = {(entry["action"], entry["reason"]) for entry in shared.client.audit(robot)["items"]}
     assert {reason for _, reason in noted} >= {"looks right", "enough"}
+
+
+def test_a_repair_is_begun_by_hand_and_one_at_a_time(say: Say, shared: Shared, robot: str) -> None:
+    shared.cancelled(robot)
+    code, out, _ = say("repair", robot, "--bad", "hokuyo_node", "--reason", "now I am there")
+    assert code == 0
+    begun = out.split()[2]
+    assert out == f"begun: repair {begun} of {robot}\nfollow it: robomend watch {robot}\n"
+    code, out, err = say("repair", robot)
+    assert (code, out) == (1, "")
+    assert err.startswith("not begun: ")
+    noted = {(entry["action"], entry["reason"]) for entry in shared.client.audit(robot)["items"]}
+    assert ("repair.create", "now I am there") in noted
+    say("cancel", begun)
+    code, _, err = say("repair", robot, "--bad", "hokuyo_nod")
+    assert code == 2
+    assert "hokuyo_nod" in err
 
 
 def test_without_repairs_that_is_said(say: Say, shared: Shared, robot: str) -> None:

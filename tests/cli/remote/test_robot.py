@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -63,9 +64,14 @@ def test_the_model_comes_with_the_robot_where_that_is_asked_for(
         ("policy: auto\n", "`model` names the model that the robot follows"),
         (
             "model: tedusar\npolcy: auto\n",
-            "body.polcy: Extra inputs are not permitted; did you mean 'policy'?",
+            "robot.yaml:2: `polcy`: Extra inputs are not permitted; did you mean 'policy'?",
         ),
-        ("model: tedusar\nhold_s: soon\n", "body.hold_s: Input should be a valid number"),
+        ("model: tedusar\n\nhold_s: soon\n", "robot.yaml:3: `hold_s`: Input should be a valid number"),
+        (
+            "model: tedusar\nboard:\n  host: b\n  port: many\n",
+            "robot.yaml:4: `board.port`: Input should be a valid integer",
+        ),
+        ("robomend: 1\nnodes: {}\n", "robot.yaml:1: this is a model (it has nodes, robomend)"),
     ],
 )
 def test_a_file_at_fault_is_refused_with_its_place(
@@ -106,3 +112,34 @@ def test_scalars_of_a_file_mean_what_they_look_like(tmp_path: Path) -> None:
     assert all(":" in line and json.loads(line.partition(": ")[2]) != "" for line in file.open())
     with pytest.raises(InputError, match="cannot be read"):
         read_robot(tmp_path / "nothing.yaml")
+
+
+def test_robots_are_listed_and_deleted(
+    say: Say, shared: Shared, robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert f"{robot}  " not in say("robot", "list")[1]
+    shared.robot(robot)
+    code, out, _ = say("robot", "list")
+    assert code == 0
+    assert narrow(out)
+    assert f"{robot}  " in out
+    listed = answer(say("robot", "list", "--format", "json"))["items"]
+    assert [one["model"] for one in listed if one["id"] == robot] == ["tedusar"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+    code, _, err = say("robot", "delete", robot)
+    assert code != 0
+    assert f"delete robot {robot}" in err
+    assert say("robot", "delete", robot, "--yes") == (0, f"robot {robot}: deleted\n", "")
+    code, _, err = say("robot", "delete", robot, "--yes")
+    assert code == 2
+    assert f"no robot is named '{robot}'" in err
+
+
+def test_what_is_in_quarantine_is_listed_and_only_that_is_released(
+    say: Say, shared: Shared, robot: str
+) -> None:
+    shared.robot(robot)
+    assert say("robot", "release", robot) == (0, f"nothing of {robot} is in quarantine\n", "")
+    code, _, err = say("robot", "release", robot, "hokuyo")
+    assert code == 2
+    assert f"'hokuyo' of {robot} is not in quarantine; there are: none" in err

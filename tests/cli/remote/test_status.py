@@ -14,10 +14,12 @@ def test_all_robots_are_told_with_what_is_wrong_and_what_they_wait_for(
     assert code == 0
     assert narrow(out)
     heading, ill, *rest = out.splitlines()
-    assert heading.split() == ["robot", "state", "bad", "waits", "for"]
-    assert ill.split()[:5] == [f"{robot}-ill", "unhealthy", "hokuyo", "(1", "of"]
-    assert "a person: its policy is" in ill
-    assert any(line.split()[:2] == [f"{robot}-well", "healthy"] for line in rest)
+    assert heading.split()[:3] == ["robot", "state", "what"]
+    assert ill.split()[:4] == [f"{robot}-ill", "unhealthy", "scan", "is"]
+    assert "A person is needed: its policy" in " ".join(
+        word for line in [ill, *rest] for word in line.split()
+    )
+    assert any(line.split()[:4] == [f"{robot}-well", "healthy", "Healthy", "since"] for line in rest)
     known = answer(say("status", "--search", f"{robot}-", "--format", "json"))
     assert [one["robot"] for one in known["robots"]] == [f"{robot}-ill", f"{robot}-well"]
     assert known["found"] == 2
@@ -39,7 +41,9 @@ def test_one_robot_is_told_with_its_diagnoses_and_the_plan_that_waits(
         f"{robot}: unhealthy; model tedusar, policy approve",
         "UTC; any of these explains what was seen:\n  hokuyo\n  hokuyo_node\n",
         f"repair {repair}: awaiting-approval",
-        "\n  stop_node(hokuyo_node)\n",
+        "\nscan is not as it should be since ",
+        ", because of one of two: hokuyo",
+        "\n  Stop hokuyo_node\n",
         f"yes: robomend approve {repair}; no: robomend cancel {repair}",
         "note: start_node, stop_node: no agent",
     ):

@@ -111,7 +111,7 @@ def test_an_action_is_told_once_for_each_thing_that_is_new_of_it() -> None:
     def line(state: str, **data: object) -> str:
         step = {"id": "r-1:0", "repair": "r-1", "name": "start_node", "parameters": ["a"], "state": state}
         said = teller.told(Event(1, 0, Kind.ACTION, "r1", {**step, **data}))
-        return "" if said is None else said.rpartition("start_node(a): ")[2]
+        return "" if said is None else said.rpartition("Start a: ")[2]
 
     assert [line("running"), line("running"), line("running", result=0), line("running", result=0)] == [
         "running",
@@ -133,14 +133,15 @@ def test_each_kind_of_event_has_its_words() -> None:
     assert line_of(Kind.OBSERVATIONS, changed=[], forgotten=["ok(scan)"]) == "r1 unknown now: ok(scan)"
     assert line_of(Kind.OBSERVATIONS, changed=[]) is None
     assert line_of(Kind.DIAGNOSIS, result=None, fault={"detail": "too late"}) == "r1 no diagnosis: too late"
-    waiting = line_of(Kind.REPAIR, id="r-1", state="awaiting-approval", plan=[{"text": "power_up(a)"}])
-    assert waiting == "r1 repair r-1: awaiting-approval of power_up(a)"
-    assert action_line(state="done", message="it runs") == "r1 action start_node(a): done: it runs"
-    assert action_line(state="running") == "r1 action start_node(a): running"
+    asks = {"state": "awaiting-approval", "headline": "a has no power since 23:23:04. Power up a?"}
+    waiting = line_of(Kind.REPAIR, id="r-1", **asks)
+    assert waiting == "r1 repair r-1: awaiting-approval: a has no power since 23:23:04. Power up a?"
+    assert action_line(state="done", message="it runs") == "r1 Start a: done: it runs"
+    assert action_line(state="running") == "r1 Start a: running"
     says = {"code": 1, "message": "process 7", "time_ns": 0}
-    assert action_line(state="running", feedback=says) == "r1 action start_node(a): running: process 7"
+    assert action_line(state="running", feedback=says) == "r1 Start a: running: process 7"
     answered = action_line(state="running", result=0, message="it runs")
-    assert answered == "r1 action start_node(a): answered: it runs"
+    assert answered == "r1 Start a: answered: it runs"
     assert line_of(Kind.ACTION, name="start_node", parameters=["a"], state="queued") is None
     assert line_of(Kind.BOARD, link="connected", reason="") == "r1 board: connected"
     assert line_of(Kind.BOARD, link="silent", reason="no frame") == "r1 board: silent: no frame"

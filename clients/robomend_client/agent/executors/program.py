@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 import os
 import re
+import shutil
 import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -81,10 +82,29 @@ class Program:
         self._directory = base / directory if directory else None
         self._environment = dict(environment or {})
 
+    def missing(self) -> str | None:
+        """Say why its program cannot be started on this computer; None: it is there."""
+        return missing(self._command[0], self._directory, self._environment)
+
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
         values = dict(zip(self._names, action.parameters, strict=True))
         command = [PLACE.sub(lambda place: values[place[1]], argument) for argument in self._command]
         return await run(command, str(action), feedback, self._directory, self._environment)
+
+
+def missing(program: str, directory: Path | None, environment: Mapping[str, str]) -> str | None:
+    """Say why a program cannot be started on this computer, and what to write instead; None: it is there."""
+    where = environment.get("PATH", os.environ.get("PATH", os.defpath))
+    if directory is not None and not directory.is_dir():
+        return f"directory {directory} is not there: make it, or name another"
+    if os.sep not in program:
+        if shutil.which(program, path=where):
+            return None
+        return f"no program {program!r} is in the PATH ({where}): install it, or write its whole path"
+    path = (directory or Path.cwd()) / program
+    if not path.is_file():
+        return f"there is no file {path}: write the program's whole path"
+    return None if os.access(path, os.X_OK) else f"{path} may not be executed: chmod +x {path}"
 
 
 async def run(

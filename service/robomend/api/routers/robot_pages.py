@@ -19,6 +19,7 @@ from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
 from robomend.model.vocabulary import ACTIVE
+from robomend.repairs.headline import of_robot
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
@@ -28,7 +29,7 @@ from robomend.store.records import Paging, StoredDiagnosis, StoredMoment
 from robomend.web import graph, past
 from robomend.web import timeline as figure
 from robomend.web.suspicion import Suspicion, suspicions, whys, with_priors
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, parse_atom
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
@@ -70,6 +71,7 @@ async def robot_page(
     if "state" in wanted or "repair" in wanted:
         newest = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
         values |= {"repair": newest[0] if newest else None, "repairs": newest}
+        values["headline"] = of_robot(state, values["repair"])
     if "state" in wanted:
         values["findings"] = await parts.repairs.findings(robot)
         values["quarantine"] = await parts.repairs.quarantined(robot)
@@ -82,7 +84,7 @@ async def robot_page(
     if "graph" in wanted:
         values["graph"] = await asyncio.to_thread(_graph, state, values["found"], values["whys"])
     if "obs" in wanted:
-        values |= {"obs": _by_one_clock(obs_out(state), state), "most": SHOWN_OBS}
+        values |= {"most": SHOWN_OBS, **_sorted(_by_one_clock(obs_out(state), state), state)}
     if "board" in wanted:
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
@@ -204,6 +206,28 @@ def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:
             ],
         }
     )
+
+
+def _sorted(obs: ObsOut, state: Robot) -> dict[str, Any]:
+    """Return OBS as people look at it: what is amiss or in doubt, bad first, and the rest by component."""
+    nodes = {} if state.system.parts is None else state.system.parts.nodes
+    publisher = {topic: node.name for node in nodes.values() for topic in node.publishes}
+    amiss: list[ObservedLiteral] = []
+    good: dict[str, list[ObservedLiteral]] = {}
+    for one in obs.observations[:SHOWN_OBS]:
+        if one.fresh and one.confirmed and not one.literal.startswith("not "):
+            atom = parse_atom(one.literal)
+            name = atom.args[0] if atom.args else atom.predicate
+            good.setdefault(publisher.get(name, name), []).append(one)
+        else:
+            amiss.append(one)
+    amiss.sort(key=lambda one: (not one.fresh, not one.literal.startswith("not ")))
+    return {
+        "obs": obs,
+        "amiss": amiss,
+        "good": list(good.items()),
+        "good_count": sum(map(len, good.values())),
+    }
 
 
 async def _past(parts: Parts, state: Robot, until_ms: int | None, span_s: int | None) -> dict[str, Any]:

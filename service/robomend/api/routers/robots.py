@@ -115,7 +115,8 @@ async def delete_robot(
 async def _answer(state: Robot, parts: Parts, response: Response) -> RobotOut:
     """Return a robot as it is now, and name the answer."""
     findings, drill = await parts.repairs.findings(state.id), await parts.drills.open_of(state.id)
-    out = robot_out(state, findings, drill)
+    newest = await parts.repairs.repairs(state.id, before=None, limit=1)
+    out = robot_out(state, findings, drill, newest[0] if newest else None)
     digest = hashlib.sha256(out.model_dump_json().encode()).hexdigest()[:20]
     response.headers["ETag"] = quoted(f"{out.etag}.{digest}")
     return out

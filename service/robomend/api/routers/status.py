@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -25,6 +26,7 @@ async def get_status(
 ) -> StatusOut:
     """Say how every robot is, what is wrong and what it waits for: whoever waits for a person comes first."""
     fleet: Fleet = request.app.state.fleet
+    now_ns = time.time_ns()
     found = await fleet.page(search=q, state=state, number=page, rows=rows)
     return StatusOut(
         robots=[
@@ -33,6 +35,7 @@ async def get_status(
                 model=line.model,
                 policy=line.policy,
                 state=None if line.state is None else line.state.value,
+                headline="" if line.headline is None else line.headline.text(now_ns),
                 finding=line.finding,
                 more=line.more,
                 waits=line.waits,

@@ -58,6 +58,9 @@ class SeenSymptom(Out):
     onset_ns: int | None
     onset: Moment | None = moment_of("onset_ns")
     reading: ReadingOut | None = Field(default=None, description="what was measured")
+    blames: list[str] = Field(
+        default=[], description="components of conflicts that rest on it; none: it follows from the others"
+    )
 
 
 class Rival(Out):
@@ -125,6 +128,11 @@ class RepairOut(Out):
 
     id: str = Field(examples=["r-7k2m9x4q"])
     robot: str = Field(examples=["tedusar-1"])
+    headline: str = Field(
+        default="",
+        description="what is wrong since when, what follows, and what happens next or who is needed",
+        examples=["hokuyo has no power since 23:23:04; scan and 4 more follow. Power up hokuyo?"],
+    )
     state: RepairState
     policy: Literal["observe", "approve", "auto"] | None
     round: int = Field(examples=[1])

@@ -263,6 +263,11 @@ class RobotOut(Out):
     state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] = Field(
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
+    headline: str = Field(
+        default="",
+        description="what is wrong since when, what follows, and what happens next or who is needed",
+        examples=["hokuyo has no power since 23:23:04; scan and 4 more follow. Power up hokuyo?"],
+    )
     unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
     drill: DrillOut | None = Field(
         default=None, description="the drill that is open: what is planted, and how it is undone"

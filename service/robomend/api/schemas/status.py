@@ -18,6 +18,10 @@ class StatusLineOut(Out):
     state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] | None = Field(
         description="null: not read yet, ask again"
     )
+    headline: str = Field(
+        description="what is wrong since when, what follows, and what happens next or who is needed",
+        examples=["hokuyo has no power since 23:23:04; scan and 4 more follow. Power up hokuyo?"],
+    )
     finding: str = Field(description="the leading diagnosis, or why there is none", examples=["hokuyo"])
     more: int = Field(description="diagnoses besides the leading one")
     waits: str = Field(description="what it waits for; empty: nothing", examples=["approval of a plan"])

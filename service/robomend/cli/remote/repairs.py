@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import RepairName, RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
+from robomend.planning.plan import action_title
 from robomend.repairs.states import RepairState
 
 
@@ -72,6 +73,30 @@ def _one(repair: Mapping[str, Any], format_: str) -> None:
         click.echo(f"yes: robomend approve {repair['id']}; no: robomend cancel {repair['id']}")
 
 
+@click.command("repair")
+@click.argument("robot", type=RobotName())
+@click.option("--bad", multiple=True, metavar="COMPONENT", help="What is to be repaired; by default: chosen.")
+@click.option("--reason", default="", help="Why; it goes to the audit log.")
+@service_options("operator")
+@format_option()
+def repair(robot: str, bad: tuple[str, ...], reason: str, url: str, key: str | None, format_: str) -> int:
+    """Begin a repair of ROBOT now; under the policy approve its plan waits for a yes. 1 where one is open."""
+    from robomend_client.rest.errors import StateConflict
+
+    with asking(url, key, robot=robot) as client:
+        try:
+            begun = client.start_repair(robot, bad=list(bad) or None, reason=reason)
+        except StateConflict as error:
+            click.echo(f"not begun: {printable(error.detail)}", err=True)
+            return DECLINED
+    if format_ == "json":
+        click.echo(json.dumps(begun, ensure_ascii=False))
+    else:
+        click.echo(f"begun: repair {begun['id']} of {robot}")
+        click.echo(f"follow it: robomend watch {robot}")
+    return 0
+
+
 @click.command("approve")
 @click.argument("repair", type=RepairName(RepairState.AWAITING_APPROVAL))
 @click.option("--reason", default="", help="Why; it goes to the audit log.")
@@ -108,6 +133,6 @@ def _decide(decision: str, repair: str, reason: str, url: str, key: str | None, 
     click.echo(f"{said}: repair {repair} of {decided['robot']}")
     if decision == "approve":
         for step in decided["plan"]:
-            click.echo(f"  {printable(step['text'])}")
+            click.echo(f"  {printable(action_title(step['name'], step['parameters']))}")
         click.echo(f"follow it: robomend watch {decided['robot']}")
     return 0

@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
+from robomend.planning.plan import action_title
 from robomend.repairs.states import RepairState
 from robomend_client.counts import counted
 
@@ -75,16 +76,8 @@ def _show(found: Mapping[str, Any]) -> None:
         click.echo("no robots yet: `robomend robot put ID FILE` configures one")
         return
     show_table(
-        ("robot", "state", "bad", "waits for"),
-        (
-            (
-                one["robot"],
-                one["state"] or "not read yet",
-                one["finding"] + (f" (1 of {one['more'] + 1})" if one["more"] else ""),
-                one["waits"],
-            )
-            for one in found["robots"]
-        ),
+        ("robot", "state", "what is wrong, and what is next"),
+        ((one["robot"], one["state"] or "not read yet", one["headline"]) for one in found["robots"]),
     )
     counts = ", ".join(
         f"{found['counts'][state]} {state}" + (" for a person" if state == "waiting" else "")
@@ -134,6 +127,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
     robot, diagnosis, repair, stop = (known[name] for name in ("robot", "diagnosis", "repair", "stop"))
     config = robot["config"]
     yield f"{robot['id']}: {robot['state']}; model {config['model']}, policy {config['policy']}"
+    yield robot["headline"]
     if stop["active"]:
         yield stopped(stop)
     if robot["unknown"]:
@@ -160,7 +154,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         yield f"repair {repair['id']}: {repair['state']}{ended}{reason}"
         if repair["state"] == RepairState.AWAITING_APPROVAL:
             for step in repair["plan"]:
-                yield f"  {step['text']}"
+                yield f"  {action_title(step['name'], step['parameters'])}"
             yield f"  yes: robomend approve {repair['id']}; no: robomend cancel {repair['id']}"
     for finding in robot["findings"]:
         yield f"note: {finding}"

@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, diagnoses, printable, some
+from robomend.planning.plan import action_title
 from robomend.repairs.states import STEP_ENDS, RepairState, StepState
 
 if TYPE_CHECKING:
@@ -140,8 +141,8 @@ def _diagnosis(data: Mapping[str, Any]) -> str:
 
 def _repair(data: Mapping[str, Any]) -> str:
     words = f"repair {data.get('id')}: {data.get('state')}"
-    if data.get("state") == RepairState.AWAITING_APPROVAL:
-        words += f" of {', '.join(step['text'] for step in data.get('plan', ()))}"
+    if data.get("state") == RepairState.AWAITING_APPROVAL and data.get("headline"):
+        return f"{words}: {data['headline']}"
     return words + (f": {data['reason']}" if data.get("reason") else "")
 
 
@@ -151,7 +152,7 @@ def _action(data: Mapping[str, Any]) -> str | None:
     state = str(data.get("state"))
     if state == StepState.RUNNING and data.get("result") is not None:
         state = "answered"  # and its effect is awaited
-    words = f"action {data.get('name')}({', '.join(data.get('parameters', ()))}): {state}"
+    words = f"{action_title(str(data.get('name')), data.get('parameters', ()))}: {state}"
     message = data.get("message") or (data.get("feedback") or {}).get("message")
     return words + (f": {message}" if message else "")
 

@@ -21,14 +21,22 @@ let beganMs = Number(body.dataset.nowMs) - passedMs(); // by the service's clock
 
 /** Write ages by the service's clock: this computer's may be minutes off. */
 function ages() {
-  const now = beganMs + passedMs();
-  for (const time of document.querySelectorAll("time[data-ms]")) {
-    if (!time.title) time.title = time.textContent;
-    const seconds = Math.round((now - Number(time.dataset.ms)) / 1000);
-    const text = seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
+  for (const time of document.querySelectorAll("time[data-age]")) {
+    const text = ago(time);
     if (time.textContent !== text) time.textContent = text;
   }
 }
+
+function ago(time) {
+  const seconds = Math.round((beganMs + passedMs() - Number(time.dataset.ms)) / 1000);
+  return seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
+}
+
+// Of a time that is pointed at, its title says how long ago it was.
+document.addEventListener("pointerover", (event) => {
+  const time = event.target.closest?.("time[data-ms]:not([data-age])");
+  if (time) time.title = `${ago(time)}, ${time.title.replace(/^.* (ago|in .*), /, "")}`;
+});
 
 function age(seconds) {
   if (seconds < 100) return `${seconds} s`;
@@ -56,7 +64,7 @@ document.addEventListener("submit", async (event) => {
   try {
     const answer = await fetch(form.action, { method: "POST", body: fields, redirect: "manual" });
     if (answer.ok || answer.type === "opaqueredirect") {
-      say(form.dataset.live || "Done.");
+      say(event.submitter?.dataset.live || form.dataset.live || "Done.");
       form.reset();
     } else {
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
@@ -112,24 +120,47 @@ setInterval(() => {
   if (due.length) refresh([...due].map((part) => part.dataset.part));
 }, 2000);
 
-let zoom = null;
+let zoom = null; // null: as wide as there is room
 function drawGraph() {
   const graph = document.querySelector("svg.graph");
   if (!graph) return;
   const box = graph.viewBox.baseVal;
-  const scale = zoom ?? 1;
-  graph.setAttribute("width", Math.round(box.width * scale));
-  graph.setAttribute("height", Math.round(box.height * scale));
+  graph.classList.toggle("zoomed", zoom !== null);
+  graph.setAttribute("width", Math.round(box.width * (zoom ?? 1)));
+  graph.setAttribute("height", Math.round(box.height * (zoom ?? 1)));
 }
 whenShown(drawGraph);
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-zoom]");
   if (!button) return;
   const graph = document.querySelector("svg.graph");
+  const shown = graph.getBoundingClientRect().width / graph.viewBox.baseVal.width;
   if (button.dataset.zoom === "fit") zoom = Math.min(1.5, (graph.parentElement.clientWidth - 4) / graph.viewBox.baseVal.width);
-  else zoom = Math.min(4, Math.max(0.1, (zoom ?? 1) * Number(button.dataset.zoom)));
+  else zoom = Math.min(4, Math.max(0.1, shown * Number(button.dataset.zoom)));
   drawGraph();
 });
+
+/** Show what a thing of the graph rests on, while it is pointed at or focused. */
+function trace(event) {
+  const thing = event.target.closest?.(".graph .thing") ?? event.target.querySelector?.(":scope > .thing");
+  const graph = document.querySelector("svg.graph");
+  if (!graph || (!thing && !graph.classList.contains("tracing"))) return;
+  for (const one of graph.querySelectorAll(".upstream")) one.classList.remove("upstream");
+  graph.classList.toggle("tracing", !!thing);
+  if (!thing) return;
+  const edges = [...graph.querySelectorAll(".edge")], found = new Set([thing.dataset.n]), waiting = [thing.dataset.n];
+  while (waiting.length) {
+    const to = waiting.pop();
+    for (const edge of edges) {
+      if (edge.dataset.to !== to) continue;
+      edge.classList.add("upstream");
+      if (!found.has(edge.dataset.from)) { found.add(edge.dataset.from); waiting.push(edge.dataset.from); }
+    }
+  }
+  for (const one of graph.querySelectorAll(".thing")) one.classList.toggle("upstream", found.has(one.dataset.n));
+}
+document.addEventListener("pointerover", trace);
+document.addEventListener("focusin", trace);
 
 // The latest is at the right end of the timeline, which is wider than a phone.
 for (const box of document.querySelectorAll('[data-scroll="past"]')) box.scrollLeft = box.scrollWidth;

@@ -1,0 +1,475 @@
+"""What people are told of a robot in two sentences, the same in lists, pages, commands, messages and events.
+
+    what    what is wrong, since when, and what follows from it
+    then    what happens next, or what a person is needed for
+
+    "hokuyo has no power since 23:23:04; scan and 4 more follow."  "Power up hokuyo and restart hokuyo_node?"
+
+`headline` is pure. `of_robot` asks it of a robot as it is now, `of_repair` of a repair as it is written. A
+sentence is kept as its words and its moments, as whoever shows it knows which day it is.
+
+A diagnosis is told fault by fault. Each fault is shown by the first symptom that a conflict with its
+component rests on; what no conflict needs follows from the others. Belief is one number for a fault: the
+share of its component among those that could stand in its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from robomend.entry import Entry
+from robomend.planning.plan import action_titles
+from robomend.repairs.states import RepairState, StepState
+from robomend.robots.health import UNCLEAR, HealthState, health_of
+from robomend.robots.robot import Robot
+from robomend_client.literals import Atom, parse_atom
+from robomend_client.readings import Symptom
+
+Json = Mapping[str, Any]
+
+Told = tuple[str | int, ...]
+"""A sentence: its words, and its moments in nanoseconds since the epoch."""
+
+CERTAIN, LIKELY = 0.9, 2 / 3
+"""From these shares on a cause is told as almost certain, and as probable."""
+
+MANY = 3
+"""Names, actions or faults in a sentence; of more the number is told."""
+
+Weighed = tuple[tuple[str, ...], float | None]
+"""What a diagnosis blames, and its weight where there is one."""
+
+LETTERS = 160
+"""Of a reason or a reading in a headline; all of it is in the record."""
+
+NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """See the module."""
+
+    what: Told
+    then: Told
+    person: bool = False  # a person is needed
+    approve: str | None = None  # the repair whose plan waits for a yes
+    since_ns: int | None = None
+
+    def text(self, now_ns: int) -> str:
+        """Return both sentences in one line, moments by the clock in UTC."""
+        return " ".join(filter(None, (told(self.what, now_ns), told(self.then, now_ns))))
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a headline is made of."""
+
+    health: HealthState
+    blamed: Sequence[Weighed] = ()  # each diagnosis with its weight, best first
+    more: int = 0  # diagnoses that are not among them
+    symptoms: Sequence[Json] = ()  # `seen`, the oldest first
+    unknown: Sequence[str] = ()
+    since_ns: int | None = None  # of the state, where no symptom says it
+    fault: str = ""  # why there is no diagnosis
+    reported: bool = True  # anything, ever
+    policy: str = "approve"
+    repair: Json | None = None  # the newest, as HTTP shows it
+
+
+def told(words: Told, now_ns: int) -> str:
+    """Return a sentence as text, moments by the clock in UTC; of another day with the date."""
+    return "".join(each if isinstance(each, str) else clock(each, now_ns) for each in words)
+
+
+def clock(time_ns: int, now_ns: int) -> str:
+    """Return a moment by the clock, in UTC; of another day than now with the date."""
+    moment = datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC)
+    same_day = moment.date() == datetime.fromtimestamp(now_ns // 1_000_000 / 1000, UTC).date()
+    return f"{moment:%H:%M:%S}" if same_day else f"{moment:%Y-%m-%d %H:%M:%S}"
+
+
+def seen(entry: Entry, conflicts: Iterable[tuple[Collection[str], Collection[str]]]) -> dict[str, Any]:
+    """Return what does not hold, and the components of conflicts that rest on it: none, if it only follows.
+
+    Args:
+        conflicts: components and observations of each.
+    """
+    literal = str(entry.literal)
+    blames = sorted({name for names, rests_on in conflicts if literal in rests_on for name in names})
+    found = {
+        "literal": literal,
+        "since_ns": entry.since_ns,
+        "onset_ns": entry.onset_ns,
+        "blames": blames,
+    }
+    return found if entry.reading is None else {**found, "reading": entry.measured()}
+
+
+def began(entry: Entry) -> tuple[int, str]:
+    """Return what symptoms are put in order by."""
+    return entry.onset_ns or entry.since_ns or entry.time_ns, str(entry.literal)
+
+
+def of_robot(robot: Robot, repair: Json | None) -> Headline:
+    """Return the headline of a robot as it is now; `repair` is its newest, as HTTP shows it."""
+    health, unknown = health_of(robot)
+    current = robot.current
+    result = {} if current is None or current.result is None else current.result
+    found = [one for one in result.get("diagnoses", ()) if one["bad"]]
+    blamed: list[Weighed] = [(tuple(one["bad"]), one.get("probability")) for one in found]
+    if repair is not None and repair["finished_ns"] is None and (newest := _round(repair)) is not None:
+        weighed = _of_round(newest)
+        if {bad for bad, _ in weighed} == {bad for bad, _ in blamed}:
+            blamed = weighed  # what was tried is taken into account there
+    entries = robot.obs.entries()
+    since_ns = robot.found_ns
+    if health in UNCLEAR:
+        over = [one.expires_ns for one in entries if one.expires_ns and one.atom in unknown]
+        since_ns = (max if health is HealthState.UNKNOWN else min)(over) if over else None
+    conflicts = [(one["components"], one["observations"]) for one in result.get("conflicts", ())]
+    symptoms = sorted((entry for entry in robot.sight.entries() if not entry.positive), key=began)
+    return headline(
+        Facts(
+            health=health,
+            blamed=blamed,
+            more=max(0, (result.get("count") or len(found)) - len(found)) if found else 0,
+            symptoms=[seen(entry, conflicts) for entry in symptoms],
+            unknown=[str(atom) for atom in unknown],
+            since_ns=since_ns,
+            fault="" if current is None or not current.fault else str(current.fault.get("detail")),
+            reported=bool(entries) or bool(robot.revision),
+            policy=robot.config.policy,
+            repair=repair,
+        )
+    )
+
+
+def of_repair(repair: Json) -> Headline:
+    """Return the headline of a robot by what its repair has written: what messages and events tell."""
+    newest = _round(repair)
+    blamed = _of_round(newest) if newest is not None else []
+    if not blamed and (repair.get("diagnosis") or {}).get("bad"):
+        blamed = [(tuple(repair["diagnosis"]["bad"]), None)]
+    state = repair["state"]
+    health = {
+        RepairState.REPAIRED: HealthState.HEALTHY,
+        RepairState.UNCONFIRMED: HealthState.PARTLY_UNKNOWN,
+    }.get(state, HealthState.UNHEALTHY)
+    return headline(
+        Facts(
+            health=health,
+            blamed=blamed,
+            symptoms=() if newest is None else newest.get("symptoms") or (),
+            since_ns=repair["created_ns" if health is HealthState.UNHEALTHY else "finished_ns"],
+            policy=repair.get("policy") or "approve",
+            repair=repair,
+        )
+    )
+
+
+def headline(of: Facts) -> Headline:
+    """Return what people are told of a situation."""
+    what, since_ns = _what(of)
+    then, person, approve = _then(of)
+    return Headline((*what, "."), then, person, approve, since_ns)
+
+
+# --- what is wrong
+
+
+def _what(of: Facts) -> tuple[Told, int | None]:
+    if of.fault:
+        return (f"There is no diagnosis: {short(of.fault)}",), of.since_ns
+    match of.health:
+        case HealthState.HEALTHY:
+            return ("Healthy", *_since(of.since_ns)), of.since_ns
+        case HealthState.UNKNOWN if not of.reported:
+            return ("Nothing has been reported yet",), None
+        case HealthState.UNKNOWN:
+            return ("Nothing is heard of it", *_since(of.since_ns)), of.since_ns
+        case HealthState.PARTLY_UNKNOWN:
+            of_them = f" {_atoms(of.unknown)}" if of.unknown else ""
+            return (f"Nothing is known to be wrong; not known{of_them}", *_since(of.since_ns)), of.since_ns
+    faults = list(_faults(of))
+    if not faults:
+        return ("Something is wrong, and no diagnosis explains it", *_since(of.since_ns)), of.since_ns
+    heads = {symptom["literal"] for _, symptom in faults if symptom is not None}
+    shown = faults[:MANY]
+    words: list[str | int] = []
+    if len(faults) > 1:
+        words.append(f"{_number(len(faults)).capitalize()} faults: ")
+    for index, (cause, symptom) in enumerate(shown):
+        words += ["; "] if index else []
+        words += _fault(cause, symptom, of.since_ns)
+    if len(faults) > len(shown):
+        words.append(f"; and {len(faults) - len(shown)} more")
+    if follow := [_subject(one["literal"]) for one in of.symptoms if one["literal"] not in heads]:
+        words.append(f"; {_following(list(dict.fromkeys(follow)))}")
+    first = next((symptom for _, symptom in faults if symptom is not None), None)
+    return tuple(words), (first and _begun(first)) or of.since_ns
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """A component that is blamed, and those that could be in its place."""
+
+    component: str
+    share: float  # of the belief in any of them
+    others: tuple[str, ...]
+
+
+def _faults(of: Facts) -> Iterable[tuple[_Cause, Json | None]]:
+    """Yield each fault of the leading diagnosis with the symptom that shows it."""
+    if not of.blamed:
+        return
+    first = of.blamed[0][0]
+    weighed = all(weight is not None for _, weight in of.blamed)
+    weights = {bad: weight if weighed and weight is not None else 1.0 for bad, weight in of.blamed}
+    total = sum(weights.values()) + (0 if weighed else of.more)
+    told: set[str] = set()
+    for component in first:
+        rest = frozenset(first) - {component}
+        places = (set(bad) - rest for bad, _ in of.blamed if rest <= set(bad))
+        others = tuple(name for one in places if len(one) == 1 for name in one if name != component)
+        share = sum(weight for bad, weight in weights.items() if component in bad) / (total or 1)
+        symptom = _shown_by(component, rest, of.symptoms, told)
+        if symptom is not None:
+            told.add(symptom["literal"])
+        yield _Cause(component, share, others), symptom
+
+
+def _shown_by(
+    component: str, rest: Collection[str], symptoms: Sequence[Json], taken: Collection[str]
+) -> Json | None:
+    """Return the symptom that shows a fault: its own state before what no other fault explains."""
+    free = [one for one in symptoms if one["literal"] not in taken]
+    own = [one for one in free if _own(one["literal"], component)]
+    alone = [one for one in free if component in one.get("blames", ()) and not set(rest) & set(one["blames"])]
+    rests = [one for one in free if component in one.get("blames", ())]
+    unmarked = [one for one in free if "blames" not in one] if not rest else []  # of an older record
+    return next(iter((*own, *alone, *rests, *unmarked)), None)
+
+
+def _own(literal: str, component: str) -> bool:
+    atom = _atom(literal)
+    return atom is not None and atom.predicate in {"on", "running"} and atom.args == (component,)
+
+
+def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None) -> list[str | int]:
+    if symptom is None:
+        return [f"something is wrong{_because(cause)}", *_since(since_ns)]
+    words: list[str | int] = [in_words(symptom["literal"], symptom.get("reading"))]
+    words += _since(_begun(symptom) or since_ns)
+    if measured := (symptom.get("reading") or {}).get("text"):
+        words.append(f" ({short(str(measured))})")
+    if not _own(symptom["literal"], cause.component) or cause.share < CERTAIN:
+        words.append(_because(cause))
+    return words
+
+
+def _because(cause: _Cause) -> str:
+    """Return who is blamed, and how surely."""
+    if cause.share > 1 - 1e-9:
+        return f", because of {cause.component}"
+    if cause.share >= LIKELY:
+        surely = "almost certainly" if cause.share >= CERTAIN else "probably"
+        return f", {surely} because of {cause.component}"
+    names = (cause.component, *cause.others)
+    if len(names) == 1:
+        return f", perhaps because of {cause.component}"
+    shown = names if len(names) <= MANY else (*names[: MANY - 1], "another")
+    return f", because of one of {_number(len(names))}: {', '.join(shown[:-1])} or {shown[-1]}"
+
+
+WAYS = {
+    Symptom.SILENT: "is silent",
+    Symptom.SLOW: "is too slow",
+    Symptom.FAST: "is too fast",
+    Symptom.STILL: "does not change",
+    Symptom.OLD: "is out of date",
+    Symptom.PUBLISHERS: "has too many publishers",
+    Symptom.SELF_REPORT: "reports a fault of its own",
+    Symptom.VALUE: "has a wrong value",
+    Symptom.HALTED: "does not respond",
+}
+"""How what does not hold is said, where its observer says in which way it is bad."""
+
+STATES = {"on": "has no power", "running": "is not running", "ok": "is not as it should be"}
+
+
+def in_words(literal: str, reading: Json | None = None) -> str:
+    """Return what does not hold in words: `not on(hokuyo)` is "hokuyo has no power"."""
+    atom = _atom(literal)
+    if atom is None or not literal.startswith("not ") or len(atom.args) != 1:
+        return literal
+    way = (reading or {}).get("symptom")
+    if atom.predicate in {"ok", "running"} and way in WAYS:
+        return f"{atom.args[0]} {WAYS[Symptom(way)]}"
+    return f"{atom.args[0]} {STATES[atom.predicate]}" if atom.predicate in STATES else literal
+
+
+def question(atom: str) -> str:
+    """Return what a person is asked to look at: `on(hokuyo)` is "does hokuyo have power?"."""
+    parsed = _atom(atom)
+    if parsed is not None and len(parsed.args) == 1:
+        match parsed.predicate:
+            case "on":
+                return f"does {parsed.args[0]} have power?"
+            case "running":
+                return f"is {parsed.args[0]} running?"
+            case "ok":
+                return f"is {parsed.args[0]} as it should be?"
+    return f"is {atom}?"
+
+
+# --- what happens next
+
+
+def _then(of: Facts) -> tuple[Told, bool, str | None]:
+    """Return what happens next, whether a person is needed, and the repair that waits for a yes."""
+    repair = of.repair
+    if repair is not None and repair["finished_ns"] is None:
+        return _of_open(repair)
+    if of.fault:
+        return ("A person is needed: the model or its limits have to be changed.",), True, None
+    match of.health:
+        case HealthState.HEALTHY:
+            return _mended(repair), False, None
+        case HealthState.UNKNOWN if not of.reported:
+            return ("Its agent has to be started, or what is seen reported by hand.",), False, None
+        case HealthState.UNKNOWN:
+            return ("A person is needed: do its agent and its network run?",), True, None
+        case HealthState.PARTLY_UNKNOWN:
+            if repair is not None and repair["state"] == RepairState.UNCONFIRMED:
+                return (f"A person is needed to look: {short(repair['reason'])}.",), True, None
+            return ("It is told as soon as it is reported.",), False, None
+    if of.policy == "observe":
+        return ("A person is needed: its policy is to observe only.",), True, None
+    if repair is not None and repair["state"] != RepairState.REPAIRED:
+        return _given_up(repair), True, None
+    return ("No repair is under way yet.",), False, None
+
+
+def _given_up(repair: Json) -> Told:
+    how = {
+        RepairState.CANCELLED: "the repair was cancelled",
+        RepairState.FAILED: "the repair broke off",
+        RepairState.UNCONFIRMED: "it is not seen to be well",
+    }.get(repair["state"], "")
+    why = ": ".join(filter(None, (how, short(repair["reason"] or "").rstrip("."))))
+    words: list[str | int] = [f"A person is needed: {why or 'the last repair did not help'}."]
+    if repair.get("retry_ns"):
+        words += [" It is tried again by itself at ", repair["retry_ns"], "."]
+    return tuple(words)
+
+
+def _mended(repair: Json | None) -> Told:
+    if repair is None or repair["state"] != RepairState.REPAIRED or not repair.get("rounds"):
+        return ("Nothing is to be done.",)
+    acts = _titles(repair["rounds"][-1]["plan"])
+    done = f": {acts}" if acts else ""
+    return ("Nothing is to be done; repaired at ", repair["finished_ns"], f"{done}.")
+
+
+def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
+    state, reason = repair["state"], short(repair["reason"] or "").rstrip(".")
+    plan = repair["plan"]
+    if state == RepairState.AWAITING_APPROVAL and plan:
+        return (f"{_titles(plan)}?",), True, repair["id"]
+    if state == RepairState.AWAITING_APPROVAL:
+        return (
+            (f"A person is asked: {reason.rstrip('?') or 'did the last action work'}?",),
+            True,
+            repair["id"],
+        )
+    if state == RepairState.WAITING and repair["waiting_for"]:
+        probe = repair.get("probe")
+        if probe is not None and repair["waiting_for"] == [probe["atom"]]:
+            return (f"A look is needed: {question(probe['atom'])}",), True, None
+        return (f"The repair waits to hear of {_atoms(repair['waiting_for'])}.",), False, None
+    if state == RepairState.WAITING:
+        return (f"The repair waits{': ' + reason if reason else ' for its turn'}.",), False, None
+    if state == RepairState.PLANNING:
+        return ("A repair is being planned.",), False, None
+    if state == RepairState.RUNNING:
+        running = [step for step in plan if step["state"] == StepState.RUNNING]
+        done = sum(step["state"] in {StepState.DONE, StepState.ALREADY} for step in plan)
+        at = f" (step {min(done + 1, len(plan))} of {len(plan)})" if len(plan) > 1 else ""
+        return (f"Under way: {_titles(running) or 'its repair'}{at}.",), False, None
+    if state == RepairState.VERIFYING:
+        return ("The actions are done; what is observed next shows whether they helped.",), False, None
+    return (f"{str(state).capitalize()}.",), False, None
+
+
+# --- words
+
+
+def _titles(steps: Sequence[Json]) -> str:
+    titles = action_titles((step["name"], step["parameters"]) for step in steps)
+    return _listed([titles[0], *(one[0].lower() + one[1:] for one in titles[1:])]) if titles else ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) > MANY:
+        return f"{', '.join(names[: MANY - 1])} and {len(names) - MANY + 1} more"
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def _atoms(atoms: Sequence[str]) -> str:
+    return _listed(list(atoms))
+
+
+def _following(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return f"{names[0]} follows"
+    return f"{names[0]} and {names[1] if len(names) == 2 else f'{len(names) - 1} more'} follow"
+
+
+def _since(time_ns: int | None) -> tuple[str | int, ...]:
+    return () if time_ns is None else (" since ", time_ns)
+
+
+def _begun(symptom: Json) -> int | None:
+    found: int | None = symptom.get("onset_ns") or symptom.get("since_ns")
+    return found
+
+
+def _number(count: int) -> str:
+    return NUMBERS[count] if count < len(NUMBERS) else str(count)
+
+
+def short(text: str) -> str:
+    """Return as much of a text as a headline has room for, in one line."""
+    text = " ".join(text.split())
+    return text if len(text) <= LETTERS else f"{text[:LETTERS].rsplit(' ', 1)[0]} …"
+
+
+def _subject(literal: str) -> str:
+    atom = _atom(literal)
+    return literal if atom is None or len(atom.args) != 1 else atom.args[0]
+
+
+def _atom(literal: str) -> Atom | None:
+    try:
+        return parse_atom(literal.removeprefix("not "))
+    except ValueError:
+        return None
+
+
+# --- of what is written
+
+
+def _round(repair: Json) -> Json | None:
+    rounds = repair.get("rounds")
+    newest: Json | None = rounds[-1] if rounds else None
+    return newest
+
+
+def _of_round(done: Json) -> list[Weighed]:
+    """Return what a round was chosen from: each diagnosis with its weight, the chosen one first."""
+    chosen = (tuple(done["diagnosis"]["bad"]), done.get("weight"))
+    rivals = [(tuple(one["bad"]), one["weight"]) for one in done.get("rivals") or ()]
+    return [chosen, *rivals]

@@ -1,0 +1,207 @@
+"""The sentence that people are told of a robot: what, since when, what follows, what next, who is needed."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.planning.plan import action_title, action_titles
+from robomend.repairs.headline import Facts, Headline, clock, headline
+from robomend.repairs.states import RepairState
+from robomend.robots.health import HealthState
+
+NOW = int(datetime(2026, 11, 27, 23, 30, tzinfo=UTC).timestamp()) * 10**9
+AT = int(datetime(2026, 11, 27, 23, 23, 4, tzinfo=UTC).timestamp()) * 10**9
+ILL = HealthState.UNHEALTHY
+
+
+def symptom(literal: str, *blames: str, text: str = "", way: str = "", at: int = AT) -> dict[str, Any]:
+    found: dict[str, Any] = {"literal": literal, "since_ns": at, "onset_ns": at, "blames": list(blames)}
+    if text:
+        found["reading"] = {"text": text} | ({"symptom": way} if way else {})
+    return found
+
+
+def step(name: str, *parameters: str, state: str = "waiting") -> dict[str, Any]:
+    return {"name": name, "parameters": list(parameters), "state": state}
+
+
+def repair(state: RepairState, *plan: dict[str, Any], **more: Any) -> dict[str, Any]:
+    ended = state in {"repaired", "unconfirmed", "escalated", "cancelled", "failed"}
+    return {
+        "id": "r-1",
+        "state": state,
+        "plan": list(plan),
+        "rounds": [],
+        "reason": "",
+        "waiting_for": [],
+        "probe": None,
+        "created_ns": AT,
+        "finished_ns": AT if ended else None,
+        **more,
+    }
+
+
+def said(**of: Any) -> tuple[str, str]:
+    found = headline(Facts(**{"health": ILL, **of}))
+    whole = found.text(NOW)
+    what = Headline(found.what, ()).text(NOW)
+    return what, whole.removeprefix(what).strip()
+
+
+NO_POWER = [symptom("not on(hokuyo)", "hokuyo"), *(symptom(f"not ok({one})") for one in ("scan", "map"))]
+MAP = symptom("not ok(map)", "hokuyo", "hector", text="0 of 2 Hz for 3.1 s", way="silent")
+
+
+def test_what_was_seen_of_a_component_itself_is_told_as_it_is_with_what_follows() -> None:
+    what, then = said(
+        blamed=[(("hokuyo",), 1.0)],
+        symptoms=NO_POWER,
+        repair=repair(
+            RepairState.AWAITING_APPROVAL,
+            step("power_up", "hokuyo"),
+            step("stop_node", "hokuyo_node"),
+            step("start_node", "hokuyo_node"),
+        ),
+    )
+    assert what == "hokuyo has no power since 23:23:04; scan and map follow."
+    assert then == "Power up hokuyo and restart hokuyo_node?"
+
+
+def test_one_that_follows_and_many_that_follow_are_counted() -> None:
+    assert said(blamed=[(("hokuyo",), 1.0)], symptoms=NO_POWER[:2])[0].endswith("23:23:04; scan follows.")
+    many = [*NO_POWER, symptom("not ok(pose)"), symptom("not ok(plan)")]
+    assert said(blamed=[(("hokuyo",), 1.0)], symptoms=many)[0].endswith("; scan and 3 more follow.")
+    assert said(blamed=[(("hokuyo",), 1.0)], symptoms=NO_POWER[:1])[0].endswith("since 23:23:04.")
+
+
+@pytest.mark.parametrize(
+    ("blamed", "believed"),
+    [
+        ([(("hokuyo",), None)], ", because of hokuyo."),
+        ([(("hokuyo",), 0.95), (("hector",), 0.05)], ", almost certainly because of hokuyo."),
+        ([(("hokuyo",), 0.7), (("hector",), 0.3)], ", probably because of hokuyo."),
+        ([(("hokuyo",), 0.5), (("hector",), 0.5)], ", because of one of two: hokuyo or hector."),
+        ([((one,), None) for one in "abc"], ", because of one of three: a, b or c."),
+        ([((one,), None) for one in "abcdef"], ", because of one of six: a, b or another."),
+        ([(("hokuyo",), 0.3), (("a", "b"), 0.7)], ", perhaps because of hokuyo."),
+    ],
+)
+def test_belief_is_told_in_words(blamed: Any, believed: str) -> None:
+    what, _ = said(blamed=blamed, symptoms=[MAP | {"blames": sorted({c for bad, _ in blamed for c in bad})}])
+    assert what == f"map is silent since 23:23:04 (0 of 2 Hz for 3.1 s){believed}"
+
+
+def test_two_independent_faults_are_two_with_a_time_each() -> None:
+    what, _ = said(
+        blamed=[(("hokuyo", "imu_node"), 0.5), (("imu_node", "laser"), 0.5)],
+        symptoms=[
+            symptom("not ok(scan)", "hokuyo", "laser"),
+            symptom("not running(imu_node)", "imu_node", text="exit code 1: no /dev/imu", at=AT + 66 * 10**9),
+            symptom("not ok(imu)"),
+        ],
+    )
+    assert what == (
+        "Two faults: scan is not as it should be since 23:23:04, because of one of two: hokuyo or laser; "
+        "imu_node is not running since 23:24:10 (exit code 1: no /dev/imu); imu follows."
+    )
+
+
+@pytest.mark.parametrize(
+    ("of", "then"),
+    [
+        (repair(RepairState.PLANNING), "A repair is being planned."),
+        (
+            repair(
+                RepairState.RUNNING,
+                step("power_up", "hokuyo", state="done"),
+                step("start_node", "n", state="running"),
+            ),
+            "Under way: Start n (step 2 of 2).",
+        ),
+        (
+            repair(RepairState.WAITING, waiting_for=["ok(scan)"], probe={"atom": "ok(scan)"}),
+            "A look is needed: is scan as it should be?",
+        ),
+        (
+            repair(RepairState.WAITING, waiting_for=["on(hokuyo)", "ok(scan)"]),
+            "The repair waits to hear of on(hokuyo) and ok(scan).",
+        ),
+        (
+            repair(RepairState.ESCALATED, reason="no known action makes imu good", retry_ns=AT + 10**9),
+            "A person is needed: no known action makes imu good. It is tried again by itself at 23:23:05.",
+        ),
+        (
+            repair(RepairState.CANCELLED, reason="not today"),
+            "A person is needed: the repair was cancelled: not today.",
+        ),
+        (None, "No repair is under way yet."),
+    ],
+)
+def test_what_happens_next_or_who_is_needed(of: Any, then: str) -> None:
+    assert said(blamed=[(("hokuyo",), 1.0)], symptoms=NO_POWER, repair=of)[1] == then
+
+
+def test_only_a_plan_or_a_question_is_to_be_approved() -> None:
+    for state in RepairState:
+        found = headline(Facts(ILL, repair=repair(state, step("power_up", "a"))))
+        assert (found.approve is not None) == (state is RepairState.AWAITING_APPROVAL), state
+
+
+def test_healthy_unknown_and_never_reported() -> None:
+    healthy = HealthState.HEALTHY
+    assert said(health=healthy, since_ns=AT) == ("Healthy since 23:23:04.", "Nothing is to be done.")
+    done = repair(RepairState.REPAIRED, rounds=[{"plan": [step("power_up", "hokuyo")]}])
+    assert said(health=healthy, repair=done)[1] == (
+        "Nothing is to be done; repaired at 23:23:04: Power up hokuyo."
+    )
+    assert said(health=HealthState.UNKNOWN, since_ns=AT) == (
+        "Nothing is heard of it since 23:23:04.",
+        "A person is needed: do its agent and its network run?",
+    )
+    assert said(health=HealthState.UNKNOWN, reported=False)[0] == "Nothing has been reported yet."
+    partly = said(health=HealthState.PARTLY_UNKNOWN, unknown=["ok(scan)"], since_ns=AT)[0]
+    assert partly == "Nothing is known to be wrong; not known ok(scan) since 23:23:04."
+
+
+def test_a_moment_of_another_day_has_its_date() -> None:
+    assert clock(AT, NOW) == "23:23:04"
+    assert clock(AT, NOW + 3600 * 10**9) == "2026-11-27 23:23:04"
+
+
+names = st.sampled_from(["hokuyo", "laser", "imu", "x y", 'a"b', ""])
+bad_sets = st.lists(names, min_size=1, max_size=4, unique=True).map(tuple)
+
+
+@given(
+    health=st.sampled_from(HealthState),
+    blamed=st.lists(st.tuples(bad_sets, st.none() | st.floats(0, 1)), max_size=6, unique_by=lambda b: b[0]),
+    symptoms=st.lists(
+        st.builds(
+            symptom, st.sampled_from(["not ok(scan)", "not on(imu)", "not a(b,c)", "not ((", "x"]), names
+        )
+    ),
+    state=st.none() | st.sampled_from(RepairState),
+)
+def test_whatever_the_situation_there_are_two_sentences(
+    health: Any, blamed: Any, symptoms: Any, state: Any
+) -> None:
+    of = None if state is None else repair(state)
+    found = headline(Facts(health, blamed=blamed, symptoms=symptoms, repair=of))
+    assert found.what[-1] == "."
+    assert all(isinstance(part, str | int) for part in (*found.what, *found.then))
+    assert "None" not in found.text(NOW)
+    assert len([part for part in found.then if part]) > 0
+
+
+def test_actions_have_names_of_the_trade() -> None:
+    assert action_title("start_node", ["localisation"]) == "Start localisation"
+    assert action_title("switch_to_spare", ["scan", "left"]) == "Switch to spare: scan, left"
+    assert action_title("dock", []) == "Dock"
+    acts = [("shutdown", ["a"]), ("stop_node", ["n"]), ("power_up", ["a"]), ("start_node", ["n"])]
+    assert action_titles(acts) == ["Power-cycle a", "Restart n"]
+    assert action_titles([("stop_node", ["n"]), ("start_node", ["m"])]) == ["Stop n", "Start m"]
