@@ -61,6 +61,7 @@ class RosGraph:
             publishers=table(self.publishers),
             subscribers=table(self.subscribers),
             services=table(self.services),
+            actions=table(self.actions),
         )
 
 
@@ -151,6 +152,7 @@ class Heard:
     actions: Mapping[str, str] = field(default_factory=dict)  # name -> the node that serves it
     lifecycle: Mapping[str, str] = field(default_factory=dict)  # node -> its state as it was said last, or ""
     errors: Mapping[str, int] = field(default_factory=dict)  # node -> lines of its log from ERROR on
+    moving: Mapping[str, str] = field(default_factory=dict)  # topic -> a field that was never twice the same
     gone: frozenset[str] = frozenset()  # nodes that ended meanwhile, or do not run although they are listed
     since_ns: Mapping[str, int] = field(default_factory=dict)  # node -> when it was seen first
     remarks: tuple[str, ...] = ()  # what else people should know

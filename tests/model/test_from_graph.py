@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
 from robomend.model.from_graph import Steady, first_model, model_from_graph, rests, steady
@@ -221,6 +222,35 @@ def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_abo
     assert "the status 'disk' said WARN: is that so by design?" in made.asked
     assert "of which node does the status 'odd' speak?" in made.asked
     load_text(made.text)
+
+
+def test_what_nodes_say_of_themselves_is_theirs() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/imu": (["/imu/data"], []),
+        "/mission": ([], ["/imu/data"]),
+        "/noisy": ([], []),
+    }
+    found = heard(
+        {"/imu/data": came(50)},
+        {name: parts for name, parts in nodes.items() if name != "/noisy"},
+        actions={"/navigate": "/mission", "/elsewhere": "/gone"},
+        lifecycle={"/imu": ""},
+        errors={"/mission": 1},
+        moving={"/imu/data": "linear_acceleration.z"},
+        origin={"ros2": {"domain": 7}},
+    )
+    made = first_model(found, "rover")
+    assert {name: keys["kind"] for name, keys in made.signs.items()} == {
+        "goals_navigate": "goals",
+        "lifecycle_imu": "lifecycle",
+        "rosout_imu": "rosout",
+        "changing_imu_data": "changing",
+        "qos_imu_data": "qos",
+    }
+    assert "'not ab(mission) -> ok(goals_navigate)'" in made.text
+    assert "'not ab(imu) -> ok(changing_imu_data)'" in made.text
+    load_text(made.text)
+    files_of(Described("rover", heard=found, origin=found.origin))
 
 
 def test_what_may_have_been_broken_is_asked() -> None:

@@ -118,6 +118,7 @@ def rover2(ros: Ros2Robot) -> None:
     planner.do("serve", name="/navigate")
 
 
+@pytest.mark.timeout(400)
 def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: Path) -> None:
     with ros2_robot(tmp_path) as ros:
         rover2(ros)
@@ -137,6 +138,7 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
 
 
+@pytest.mark.timeout(400)
 def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path) -> None:
     kind = "std_msgs/String"
 

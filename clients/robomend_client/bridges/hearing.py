@@ -39,7 +39,9 @@ ROSOUT = "/rosout"
 LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
 ERROR_FROM = {LOGS[0]: 8, LOGS[1]: 40}
 TRANSITION = "lifecycle_msgs/TransitionEvent"
-ACTION_STATUS = "/_action/status"
+NOISY = {"sensor_msgs/Imu": "linear_acceleration.z", "sensor_msgs/LaserScan": "ranges[:20]"}
+"""Fields that are never twice the same, of sensors that work: where they have noise, which is looked for."""
+
 ACTION_RESULT = "ActionResult"
 """Ends the type of the topic on which an action server of ROS 1 tells its results."""
 
@@ -51,6 +53,9 @@ JUMP_S = 1.0
 """More than that, and the clock was set."""
 
 PING_S = 1.0
+
+LEAST_VALUES = 20
+"""Of a field, all different from the one before: then it is one that does not stand still."""
 
 
 class Hearing(ABC):
@@ -74,6 +79,7 @@ class Hearing(ABC):
         self._status_publishers: dict[str, set[str]] = {}
         self._errors: Counter[str] = Counter()
         self._states: dict[str, str] = {}
+        self._values: dict[str, tuple[Any, int, int]] = {}  # topic -> newest value, changes, messages
         self._seen_ns: dict[str, int] = {}  # node -> when it was seen to run first
         self._runs: Mapping[str, bool | None] = {}
         self._began_s = time.monotonic()
@@ -130,6 +136,11 @@ class Hearing(ABC):
             {name: lasting_name(node) for name, node in self._actions().items()},
             self._lifecycle(graph),
             dict(self._errors),
+            {
+                topic: NOISY[self._kind(topic)]
+                for topic, (_, changed, came) in self._values.items()
+                if came >= LEAST_VALUES and changed == came
+            },
             frozenset(gone),
             dict(self._seen_ns),
             tuple(remarks),
@@ -167,7 +178,7 @@ class Hearing(ABC):
         return new
 
     def _looks(self, topic: str) -> bool:
-        return self._kind(topic) in (DIAGNOSTICS, TRANSITION, *LOGS)
+        return self._kind(topic) in (DIAGNOSTICS, TRANSITION, *LOGS, *NOISY)
 
     def _look(self, topic: str, node: str, time_ns: int, message: OpenedMessage) -> None:
         """Look into a message of a kind that says something of nodes."""
@@ -178,6 +189,10 @@ class Hearing(ABC):
                     self._status(str(status["name"]).removeprefix("/"), status["level"], node, time_ns)
             elif kind == TRANSITION:
                 self._states[node] = str(message.at("goal_state.label"))
+            elif kind in NOISY:
+                value = message.at(NOISY[kind])
+                before, changed, came = self._values.get(topic, (None, 0, 0))
+                self._values[topic] = (value, changed + (value != before), came + 1)
             elif kind in LOGS and int(message.at("level")) >= ERROR_FROM[kind]:
                 named = str(message.at("name"))
                 self._errors[lasting_name("/" + named.removeprefix("/").replace(".", "/"))] += 1
@@ -278,14 +293,7 @@ class Ros2Hearing(Hearing):
         return {} if self._node is None else self._node.found.mismatches()
 
     def _actions(self) -> dict[str, str]:
-        from robomend_client.bridges.ros2.names import ros_topic
-
-        found: dict[str, str] = {}
-        for one in () if self._node is None else self._node.found.endpoints.values():
-            topic = ros_topic(one.topic) or ""
-            if one.writes and topic.endswith(ACTION_STATUS) and self._node is not None:
-                found[topic.removesuffix(ACTION_STATUS)] = self._node.found.node_of(one)
-        return found
+        return {name: next(iter(nodes)) for name, nodes in self.graph.actions.items() if len(nodes) == 1}
 
 
 class Ros1Hearing(Hearing):

@@ -91,7 +91,20 @@ MANY_INPUTS = 4
 ALIKE, LEAST_PAIRS = 0.5, 30
 """Correlation of intervals from which on one topic is seen to follow another."""
 
-SHOWN = 20
+MOST_LOGS = 100
+"""Nodes whose logs are watched: each line is looked at for each of them."""
+
+STILL_S, STILL_INTERVALS = 4.0, 20
+"""A value that has noise stands still when it is the same for so long."""
+
+SIGNS = {
+    "goals": "no goal is aborted",
+    "lifecycle": "it stays active, once it was seen to become so",
+    "rosout": "it logs no ERROR; it logged none",
+    "changing": "its values have noise: they were never twice the same",
+    "qos": "publisher and subscribers fit, as they did",
+}
+"""What is told by observers of these kinds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +129,7 @@ class FirstModel:
     nodes: tuple[str, ...]  # names are as the model has them from here on
     watched: Mapping[str, Steady] = field(default_factory=dict)  # topic -> its rate
     statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
+    signs: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)  # property -> its observer
     asked: tuple[str, ...] = ()  # questions that listening did not answer
 
 
@@ -252,9 +266,11 @@ class _Draft:
             *self._rates(),
         ]
         statuses, blamed = self._statuses()
-        if statuses:
-            lines += ["", "properties:                   # what nodes say of themselves on /diagnostics"]
+        signs = self._signs(blamed)
+        if blamed:
+            lines += ["", "properties:                   # what nodes say of themselves"]
             lines += [f"  {word(name)}: {{}}    # {comment(status)}" for name, status in statuses.items()]
+            lines += [f"  {word(name)}: {{}}    # {SIGNS[str(keys['kind'])]}" for name, keys in signs.items()]
             lines += ["", "rules:"]
             rules = (f"not ab({word(node)}) -> {holds('ok', name)}" for name, node in blamed.items())
             lines += [f"  - {_quoted(rule)}" for rule in rules]
@@ -268,6 +284,7 @@ class _Draft:
             tuple(node.removeprefix("/") for node in self.nodes),
             {topic.removeprefix("/"): one for topic, one in self.steady.items()},
             statuses,
+            signs,
             tuple(self.asked),
         )
 
@@ -379,6 +396,39 @@ class _Draft:
                 taken.add(name)
                 statuses[name], blamed[name] = status, node.removeprefix("/")
         return statuses, blamed
+
+    def _signs(self, blamed: dict[str, str]) -> dict[str, dict[str, str | float]]:
+        """Return observers of what nodes show beside their topics; `blamed` gets the nodes of each."""
+        if not self.listened or not self.heard.origin:
+            return {}
+        taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)} | blamed.keys()
+        found: dict[str, dict[str, str | float]] = {}
+
+        def sign(kind: str, name: str, of: str, **keys: str | float) -> None:
+            called = slug(f"{kind}_{name}", taken)
+            taken.add(called)
+            found[called] = {"kind": kind, **keys}
+            blamed[called] = of.removeprefix("/")
+
+        for action, node in sorted(self.heard.actions.items()):
+            if node in self.nodes:
+                sign("goals", action, node, action=action.removeprefix("/"))
+        for node in sorted(self.heard.lifecycle.keys() & set(self.nodes)):
+            sign("lifecycle", node, node, node=node.removeprefix("/"))
+        for node in self.nodes[:MOST_LOGS]:
+            if node not in self.heard.errors:
+                sign("rosout", node, node, node=node.removeprefix("/"))
+        for topic, path in sorted(self.heard.moving.items()):
+            if topic in self.steady:
+                still_s = max(STILL_S, STILL_INTERVALS / self.steady[topic].rate_hz)
+                source = f"{topic.removeprefix('/')}:{path}"
+                sign("changing", topic, self.topics[topic], source=source, still_s=round(still_s, 1))
+        if "ros2" in self.heard.origin:
+            broken = " ".join(self.heard.remarks)
+            for topic in self.steady:
+                if self.graph.subscribers.get(topic) and topic.removeprefix("/") not in broken:
+                    sign("qos", topic, self.topics[topic], topic=topic.removeprefix("/"))
+        return found
 
     def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
         """Return the node that a status speaks of: what its name begins with, or else its publisher."""

@@ -174,6 +174,15 @@ def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
             f"  {word(name)}: {{kind: diagnostic, from: {origin}, status: [{json.dumps(escape(status))}], "
             f"bad_from: error, interval_s: {every_s:.3g}, lifetime_s: {life_s:.3g}}}"
         )
+    for name, keys in first.signs.items():
+        preset = ["preset: ros1"] if keys["kind"] == "goals" and origin == "ros1" else []
+        told = [f"kind: {keys['kind']}", f"from: {origin}", *preset]
+        told += [f"{key}: {_value(value)}" for key, value in keys.items() if key != "kind"]
+        yield f"  {word(name)}: {{{', '.join(told)}}}"
+
+
+def _value(value: str | float) -> str:
+    return word(value) if isinstance(value, str) else f"{value:g}"
 
 
 def _rate_keys(steady: Steady) -> str:
