@@ -8,10 +8,10 @@ from itertools import product
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.diagnosis.library import MOST_COMPONENTS, Products
 from robomend.diagnosis.masks import bits, mask_of
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.parts import IndependentPart
-from robomend.diagnosis.products import MOST_COMPONENTS, Products
 from robomend.diagnosis.search import by_size
 
 

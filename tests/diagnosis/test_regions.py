@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from tests.diagnosis.systems import brute_force, model, systems
 
 from robomend.diagnosis import by_conflicts
+from robomend.diagnosis.by_conflicts import regions
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.masks import members
-from robomend.diagnosis.regions import regions
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import Clause, HealthCnf
 from robomend_client.literals import Literal, fails

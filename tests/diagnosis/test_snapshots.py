@@ -90,7 +90,7 @@ def test_agrees_with_the_definition(data: st.DataObject) -> None:
         return
     with pytest.MonkeyPatch.context() as patch:  # ask whether there are others now and then, or each time
         patch.setattr("robomend.diagnosis.snapshots.ASKED_AGAIN", data.draw(st.sampled_from((0, 4))))
-        patch.setattr("robomend.diagnosis.snapshot_parts.OFTEN", data.draw(st.sampled_from((0, 8))))
+        patch.setattr("robomend.diagnosis.snapshots.OFTEN", data.draw(st.sampled_from((0, 8))))
         everything = blamed(cnf, snapshots)
     assert len(everything) == len(expected)
     assert set(everything) == expected
@@ -206,7 +206,7 @@ def test_what_a_part_of_a_candidate_explains_is_not_asked_again(monkeypatch: pyt
     pairs = [(f"c{one}", f"c{other}") for one in first for other in second]
     assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
     fewer, asked = asked, 0
-    monkeypatch.setattr("robomend.diagnosis.snapshot_parts.MOST_PARTS", 0)
+    monkeypatch.setattr("robomend.diagnosis.snapshots.MOST_PARTS", 0)
     assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
     assert asked > fewer + count
 

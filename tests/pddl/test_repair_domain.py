@@ -13,7 +13,7 @@ from robomend.planning.domain.loading import DEFAULT_DOMAIN, PAPER_DOMAIN, load_
 from robomend.planning.domain.values import PAIRS, Domain
 from robomend.planning.plan import Plan
 from robomend.planning.planning import PlanOptions, plan_for
-from robomend_bench.plan_robots import broken, random_robot, some_bad
+from robomend_bench.suites.plans import broken, random_robot, some_bad
 
 DOMAINS = {name: load_domain(shipped(name)) for name in (DEFAULT_DOMAIN, PAPER_DOMAIN)}
 

@@ -12,7 +12,7 @@ from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.domain.loading import load_domain, shipped
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
-from robomend_bench.plan_robots import broken
+from robomend_bench.suites.plans import broken
 from robomend_client.literals import Atom, fails, holds
 
 PAPER = shipped("paper-repair.pddl")

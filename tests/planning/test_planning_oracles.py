@@ -17,7 +17,7 @@ from robomend.planning.plan import Outcome, Plan
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.problem import Fact, RepairProblem, repair_problem
 from robomend.planning.validation import validate
-from robomend_bench.plan_robots import broken, random_robot, some_bad
+from robomend_bench.suites.plans import broken, random_robot, some_bad
 from robomend_client.literals import fails
 
 

@@ -13,7 +13,7 @@ from robomend.planning.planning import PlanOptions, forget, plan_for
 from robomend.planning.problem import repair_problem
 from robomend.planning.series import stages
 from robomend.planning.validation import validate
-from robomend_bench.plan_robots import broken, random_robot, some_bad
+from robomend_bench.suites.plans import broken, random_robot, some_bad
 
 
 def supply(devices: int) -> ComponentModel:

@@ -15,7 +15,7 @@ from tests.repairs.robot import CONFIG, HARDWARE, MODEL, NODES, Robot, running, 
 from robomend.api.runtime import Runtime
 from robomend.store import observations
 from robomend.store.records import Paging
-from robomend_bench.faults.consistency import contradictions
+from robomend_bench.faults.trial import contradictions
 from robomend_client.actions import FAILED, NO_PROGRAM, REFUSED
 
 pytestmark = pytest.mark.anyio

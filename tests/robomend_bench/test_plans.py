@@ -11,9 +11,9 @@ from robomend.planning import planning
 from robomend.planning.decomposition import Part
 from robomend.planning.planning import EXACT_UP_TO
 from robomend.planning.series import in_series
-from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
 from robomend_bench.running import run_suite
 from robomend_bench.suite import Wish, find_suite
+from robomend_bench.suites.plans import broken, longest_chain, random_robot, some_bad, supplied_robot
 
 
 def test_the_same_seed_gives_the_same_robot() -> None:

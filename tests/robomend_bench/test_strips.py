@@ -14,9 +14,9 @@ from robomend.planning.plan import Outcome
 from robomend.planning.planning import PlanOptions, plan_problem
 from robomend.planning.problem import RepairProblem, repair_problem
 from robomend.planning.validation import validate
+from robomend_bench.exporting import Strips, strips
 from robomend_bench.main import main
-from robomend_bench.plan_robots import broken, random_robot, some_bad
-from robomend_bench.strips import Strips, strips
+from robomend_bench.suites.plans import broken, random_robot, some_bad
 
 OWN = """
 (define (domain robot-repair)

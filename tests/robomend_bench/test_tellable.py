@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomend_bench.batch.tellable import longest_standstill, scarcest, why_not
+from robomend_bench.batch.edited import longest_standstill, scarcest, why_not
 
 STEADY = np.arange(0, 30, 0.1)
 PAUSED = np.delete(STEADY, slice(100, 140))  # four seconds without a message

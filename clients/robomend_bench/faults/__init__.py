@@ -8,7 +8,7 @@ The robots
     condition.py   the state that it is in, what acts change, what is seen: no times
     kinds.py       what can be wrong with one component
     classes.py     the classes of faults with their shares, and scenarios drawn from them
-    robot.py       robots by name: files in robots/, and those of generator.py
+    robot.py       robots by name: files in robots/, and generated ones
     body.py        the same in time: messages, starts, boots
 What could be known and done
     universe.py    explanations, suspects, what is told apart

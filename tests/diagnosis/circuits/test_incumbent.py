@@ -6,11 +6,10 @@ import pytest
 from hypothesis import assume, given
 from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
 
-from robomend.diagnosis.circuits import incumbent as module
 from robomend.diagnosis.circuits import toplevel
 from robomend.diagnosis.circuits.flips import Flips
-from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Gate, Netlist, recover
+from robomend.diagnosis.circuits.toplevel import find_incumbent
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Engine, Options
@@ -65,7 +64,7 @@ def test_an_incumbent_explains_what_is_seen_and_each_of_its_gates_is_needed(
 
 
 def test_gates_that_are_not_in_each_others_way_are_found_at_once() -> None:
-    count = 2 * module.PASSES  # buffers side by side, each of whose outputs is wrong
+    count = 2 * toplevel.PASSES  # buffers side by side, each of whose outputs is wrong
     gates = tuple(Gate(one, count + one, (2 * count + one,), "{0}") for one in range(1, count + 1))
     netlist = Netlist(gates, frozenset(gate.inputs[0] for gate in gates))
     flips = Flips(netlist, range(count), range(count), [gate.output for gate in gates])
@@ -86,7 +85,7 @@ def test_what_can_be_left_out_is_told_one_gate_at_a_time() -> None:
 
 
 def test_what_nobody_looks_for_longer_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "PASSES", 0)
+    monkeypatch.setattr(toplevel, "PASSES", 0)
     made = circuit("c499")
     assert incumbent_of(made, made.observe(9, 2)) is None
 

@@ -12,11 +12,10 @@ from robomend.model.loading import load_text
 from robomend_bench.faults.classes import CLASSES, FaultClass, draw, universe_of
 from robomend_bench.faults.condition import abnormal, observed
 from robomend_bench.faults.field import BY_NAME, FIELD
-from robomend_bench.faults.generator import made
 from robomend_bench.faults.kinds import BESIDE, DEVICE_KINDS, NODE_KINDS, Fault, begun
 from robomend_bench.faults.live import knows
 from robomend_bench.faults.policy import COSTS
-from robomend_bench.faults.robot import Robot, find_robot, robot_names
+from robomend_bench.faults.robot import Robot, find_robot, made, robot_names
 
 
 def robots() -> dict[str, Robot]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from robomend_bench.faults.kept import Kept, OtherTerms
+from robomend_bench.faults.command import Kept, OtherTerms
 from robomend_bench.faults.scoring import Score
 from robomend_bench.main import main
 

@@ -3,7 +3,7 @@ next.
 
 1 or 2 gates           flips.py: every single and double fault, simulated bit-parallel
 minimum cardinality    toplevel.py: core-guided over gates without dominator, then their cones; if one is
-                       enough, from the small one on that incumbent.py finds by simulation
+                       enough, from the small one on that simulation finds
 subset-minimal         by_solver.py: size by size on the whole circuit, from the minimum on
 """
 

@@ -15,6 +15,5 @@ isolability.md argues for it, and names the field's words. Reading order:
     search.py       exact for all other models: ∃ observation, ∀ hidden values; by counterexamples
     comparing.py    the two behind one face
     analysis.py     all faults against all; groups; what is asked and answered
-    further.py      the cheapest further observables that split a group
     words.py        the answer in sentences, and what a rule could add
 """
