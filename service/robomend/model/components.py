@@ -197,6 +197,12 @@ class ComponentModel:
         """The components by name, in the order of COMPS."""
         return {name: part for kind in KINDS for name, part in self.of(kind).items()}
 
+    @property
+    def acts(self) -> tuple[str, ...]:
+        """The names of the acts of all variants."""
+        variants = (one for function in self.functions.values() for one in function.variants.values())
+        return tuple(dict.fromkeys(name for variant in variants for name, _ in variant.do))
+
     def of(self, kind: type[Component]) -> Mapping[str, Component]:
         """Return the components of a kind, by name."""
         if kind is Hardware:

@@ -214,7 +214,7 @@ class Chooser:
             planner=planner or state.config.planner,
             timeout_s=timeout_s,
             domain=state.config.domain,
-            expected_stopped=state.config.expected_stopped,
+            expected_stopped=state.expected_stopped,
             quarantined=tuple(
                 name
                 for name in dict.fromkeys((*memory.quarantined, *sorted(situation.second_published)))

@@ -25,7 +25,7 @@ SHOWN = 5
 MEASURED = 10
 """Readings of what does not hold; of more the number is told."""
 
-STATES = ("healthy", "unhealthy", "partly-unknown", "unknown", "waiting")
+STATES = ("healthy", "unhealthy", "degraded", "partly-unknown", "unknown", "waiting")
 
 
 @click.command("status")
