@@ -50,6 +50,8 @@ class Component:
     exhaustive_modes: bool = False  # no other way to fail than these modes
     host: str | None = None  # the computer that it runs on or hangs on
     criticality: Criticality = Criticality.NORMAL
+    helps: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Act -> fault mode ("": any) -> P(it cures the component | it is what is wrong)."""
     line: int | None = None
 
     def clauses(self) -> Iterable[tuple[Iterable[Literal], Literal]]:
