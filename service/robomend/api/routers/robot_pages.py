@@ -115,6 +115,7 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
         "whys": whys(found, result),
         "priors": with_priors(result),
         "most_diagnoses": DIAGNOSES,
+        "functions": state.function_states(),
     }
 
 
