@@ -366,7 +366,8 @@ class Robot:
         judged = current is not None and current.model_version == self.model.version
         if current is not None and judged and current.revision >= self._worsened:
             return ()
-        return tuple(sorted(literal.atom for literal in self.literals() if not literal.positive))
+        fallen = (literal.atom for literal in self.literals() if not literal.positive)
+        return tuple(sorted(atom for atom in fallen if atom.predicate != ACTIVE))
 
     @property
     def words(self) -> Words:
@@ -493,7 +494,7 @@ class Robot:
             self.sight.taken_back(left.gone)
         if self.system.loops:
             self._circles.hear(update.entries)
-        if any(not entry.positive for entry in changed):
+        if any(not entry.positive and entry.atom.predicate != ACTIVE for entry in changed):
             self._worsened = self._head + 1
         known = [entry for entry in changed if not entry.contradicted]
         self.sight.heard(update.entries, known)
