@@ -69,6 +69,15 @@ class Reading(NamedTuple):
             None if symptom is None else Symptom(symptom),
         )
 
+    @property
+    def number(self) -> float | None:
+        """What was measured as a number; None: it is none."""
+        try:
+            found = float(self.value)
+        except ValueError:
+            return None
+        return found if isfinite(found) else None
+
     def __str__(self) -> str:
         """Return it as a person reads it: "19.1 V, at least 22"."""
         if isinstance(self.value, str):

@@ -73,6 +73,9 @@ class Metrics:
         self.repairs = self._counter(
             "robomend_repair_changes", "repairs by the state that they came to", "state"
         )
+        self.changes = self._counter(
+            "robomend_configuration_changes", "changes of configurations by the state they came to", "state"
+        )
         self.actions = self._counter("robomend_actions", "actions by name and result code", "name", "code")
         self.moments = self._counter("robomend_moments", "moments of faults that came in")
         self.moment_bytes = self._counter("robomend_moment_bytes", "bytes of moments that came in", "of")

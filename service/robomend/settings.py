@@ -48,7 +48,7 @@ def data_folder() -> Path:
     return Path(root) / "robomend"
 
 
-About = Literal["approval", "escalated", "unknown", "stop"]
+About = Literal["approval", "escalated", "change", "unknown", "stop"]
 
 
 class RecipientSettings(BaseModel):

@@ -17,13 +17,14 @@ from tests.api.conftest import StartService
 
 from robomend.board.link import LinkState
 from robomend.metrics import Metrics
-from robomend.repairs.states import RepairState
+from robomend.repairs.states import ChangeState, RepairState
 from robomend.robots.health import HealthState
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 STATES = {
     "robomend_robots_health": HealthState,
     "robomend_repair_changes_total": RepairState,
+    "robomend_configuration_changes_total": ChangeState,
     "robomend_board_link": LinkState,
 }
 SELECTED = re.compile(r"(robomend_[a-z_]+)(?:\{([^}]*)\})?")

@@ -18,6 +18,7 @@ PLACES = {
     "name": "tedusar",
     "robot": "r1",
     "repair": "r-1",
+    "change": "c-1",
     "drill": "d-1",
     "moment": "m-1",
     "batch": "b-1",

@@ -34,7 +34,7 @@ def test_a_file_names_them(tmp_path: Path) -> None:
     found = recipients(settings)
     assert list(found) == ["duty", "night"]
     assert found["duty"].robots == ("lab-*",)
-    assert found["duty"].about == {"approval", "escalated", "unknown", "stop"}
+    assert found["duty"].about == {"approval", "escalated", "change", "unknown", "stop"}
     assert found["night"].about == {"stop", "escalated"}
 
 

@@ -165,7 +165,7 @@ def test_what_a_component_says_of_itself_is_mended_by_a_remedy_that_is_for_it() 
     [
         ("  clear_costmap: {mends: plan}", "no component is named `plan`"),
         ("  clear_costmap: {}", "needs `mends:`"),
-        ("  clear costmap: {mends: planner}", "named as the act that is asked for"),
+        ("  clear costmap: {mends: planner}", "is no act: that is a name with its parameters"),
         ("  start_node: {mends: planner}", "an act of every robot"),
         ("  clear: {mends: planner, symptoms: [stil]}", "no symptom is named `stil`"),
         ("  clear: {mends: planner, restarts: [lidar]}", "no node is named `lidar`"),

@@ -282,6 +282,11 @@ def result(action_id: str, outcome: ActionResult) -> Call[FirstResult]:
     return Call("POST", path("actions", action_id, "result"), body, json=value)
 
 
+def kept(repair: str) -> str:
+    """Return where a repair is kept, or a change of configuration."""
+    return "changes" if repair.startswith("c-") else "repairs"
+
+
 # --- batches --------------------------------------------------------------------------------------------
 
 

@@ -207,17 +207,28 @@ class Client(Sender):
         answer: dict[str, Any] = self.send(calls.get("repairs", repair))
         return answer
 
+    def functions(self, robot: str) -> list[dict[str, Any]]:
+        """Return by which variants the robot's functions work, and why."""
+        answer: dict[str, Any] = self.send(calls.get("robots", robot, "functions"))
+        return list(answer["functions"])
+
+    def changes(
+        self, robot: str, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return the changes of the robot's configuration, newest first."""
+        return self.send(calls.page("robots", robot, "changes", cursor=cursor, limit=limit))
+
     def approve(self, repair: str, reason: str = "") -> dict[str, Any]:
-        """Say yes to a repair that waits for it."""
+        """Say yes to a repair, or a change of configuration (`c-…`), that waits for it."""
         answer: dict[str, Any] = self.send(
-            calls.post("repairs", repair, json={"decision": "approve", "reason": reason})
+            calls.post(calls.kept(repair), repair, json={"decision": "approve", "reason": reason})
         )
         return answer
 
     def cancel(self, repair: str, reason: str = "") -> dict[str, Any]:
-        """End a repair before its next action."""
+        """End a repair, or a change of configuration, before its next action."""
         answer: dict[str, Any] = self.send(
-            calls.post("repairs", repair, json={"decision": "cancel", "reason": reason})
+            calls.post(calls.kept(repair), repair, json={"decision": "cancel", "reason": reason})
         )
         return answer
 

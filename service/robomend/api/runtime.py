@@ -28,7 +28,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs
-from robomend.repairs.states import RepairState, StepState
+from robomend.repairs.states import ChangeState, RepairState, StepState
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.readers import Readers
 from robomend.robots.robots import Robots
@@ -110,7 +110,7 @@ class Runtime:
             self.probe.start()
             stack.callback(self.probe.close)
             self.hub.start()
-            stack.callback(self.store.subscribe(self._count, (Kind.REPAIR, Kind.ACTION)))
+            stack.callback(self.store.subscribe(self._count, (Kind.REPAIR, Kind.CONFIGURATION, Kind.ACTION)))
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
             stack.push_async_callback(self.robots.close)
@@ -142,11 +142,15 @@ class Runtime:
             self.metrics.repairs.labels(state)
         for of in ("frames", "recordings"):
             self.metrics.moment_bytes.labels(of)
+        for change in ChangeState:
+            self.metrics.changes.labels(change)
 
     def _count(self, events: Sequence[Event]) -> None:
         for event in events:
             if event.kind is Kind.REPAIR and event.data.get("drill") is None:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
+            elif event.kind is Kind.CONFIGURATION and "asked" not in event.data:
+                self.metrics.changes.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
 

@@ -19,6 +19,7 @@ from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
 from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut, ReadingOut, SourceWord
 from robomend.api.schemas.repair import BoardOut, ChannelOut
+from robomend.api.schemas.repair_record import FunctionOut, FunctionsOut, VariantOut
 from robomend.api.schemas.robots import AgentOut, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
@@ -175,6 +176,27 @@ def robot_out(
             for said in state.sight.declared.agents()
         ],
         drill=None if drill is None else DrillOut.model_validate(drill),
+    )
+
+
+def functions_out(state: Robot) -> FunctionsOut:
+    """Return how the robot's functions stand."""
+    return FunctionsOut(
+        functions=[
+            FunctionOut(
+                function=name,
+                active=one.active,
+                goal=one.goal,
+                works=one.works,
+                criticality=one.function.criticality.value,
+                held=one.held or one.unknown,
+                variants=[
+                    VariantOut(variant=variant, admissible=standing.admissible, why=standing.why)
+                    for variant, standing in one.standings.items()
+                ],
+            )
+            for name, one in state.function_states().items()
+        ]
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from typing import NoReturn
 
 from robomend.errors import ModelError
+from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.components import KINDS, ComponentModel
 from robomend.model.sentences import plain
 from robomend_client.near import did_you_mean
@@ -34,6 +35,7 @@ class Checks:
         self.feeds()
         self.nodes()
         self.values()
+        self.helps()
         self.remedies()
 
     def distinct(self) -> None:
@@ -150,6 +152,17 @@ class Checks:
                     self.fail(
                         f"{shown(str(remedy))} cannot mend {name} and have it restarted", remedy.line or 1
                     )
+
+    def helps(self) -> None:
+        for part in self.model.parts.values():
+            for act, by_mode in part.helps.items():
+                for mode in by_mode:
+                    if mode and mode not in part.modes and mode != UNKNOWN_MODE:
+                        self.fail(
+                            f"{part.name}: {shown(act)} helps against {shown(mode)}, which is none of its "
+                            f"modes{near(mode, part.modes)}",
+                            part.line or 1,
+                        )
 
     def known(self, name: str, names: Collection[str], what: str, line: int | None) -> None:
         if name not in names:

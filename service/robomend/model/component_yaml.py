@@ -43,7 +43,7 @@ MODEL_KEYS = (
     "properties", "values", "related", "rules", "functions", "remedies", "act_when", "blame_hardware",
     "inputs_matter", "partial_failure",
 )  # fmt: skip
-PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected", "criticality")
+PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected", "criticality", "helps")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
 NODE_KEYS = (
     "drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", "reconnects", *PART_KEYS,
@@ -222,12 +222,23 @@ class _Reader:
             "exhaustive_modes": self.optional(entry, "exhaustive_modes", self.flag) or False,
             "host": self.optional(entry, "host", self.name),
             "criticality": self.criticality(entry),
+            "helps": self.optional(entry, "helps", self.helps) or {},
             "line": line,
         }
 
     def criticality(self, entry: yaml_tree.Mapping) -> Criticality:
         said = self.optional(entry, "criticality", self.one_of(tuple(Criticality)))
         return Criticality.NORMAL if said is None else Criticality(said)
+
+    def helps(self, tree: Tree) -> dict[str, dict[str, float]]:
+        """Return act -> fault mode -> probability; one number counts for every mode."""
+        found: dict[str, dict[str, float]] = {}
+        for act, said, _ in self.entries(self.mapping(tree, "helps")):
+            if isinstance(said, yaml_tree.Mapping):
+                found[act] = {mode: self.probability(one) for mode, one, _ in self.entries(said)}
+            else:
+                found[act] = {"": self.probability(said)}
+        return found
 
     def function(self, name: str, tree: Tree, line: int) -> Function:
         entry = self.mapping(tree, f"function {name}", FUNCTION_KEYS)

@@ -50,6 +50,8 @@ class Component:
     exhaustive_modes: bool = False  # no other way to fail than these modes
     host: str | None = None  # the computer that it runs on or hangs on
     criticality: Criticality = Criticality.NORMAL
+    helps: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Act -> fault mode ("": any) -> P(it cures the component | it is what is wrong)."""
     line: int | None = None
 
     def clauses(self) -> Iterable[tuple[Iterable[Literal], Literal]]:
@@ -196,6 +198,12 @@ class ComponentModel:
     def parts(self) -> Mapping[str, Component]:
         """The components by name, in the order of COMPS."""
         return {name: part for kind in KINDS for name, part in self.of(kind).items()}
+
+    @property
+    def acts(self) -> tuple[str, ...]:
+        """The names of the acts of all variants."""
+        variants = (one for function in self.functions.values() for one in function.variants.values())
+        return tuple(dict.fromkeys(name for variant in variants for name, _ in variant.do))
 
     def of(self, kind: type[Component]) -> Mapping[str, Component]:
         """Return the components of a kind, by name."""

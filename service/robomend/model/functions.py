@@ -234,6 +234,31 @@ def needs_of(variant: Variant, model: ComponentModel) -> tuple[Need, ...]:
     return tuple(need for name in variant.needs if (need := need_of(name, model)) is not None)
 
 
+def rests_on(names: Iterable[str], model: ComponentModel) -> frozenset[str]:
+    """Return components with all that has to be good for them to do what they do: what feeds devices, what
+    nodes drive, and who publishes their inputs.
+    """
+    publishers: dict[str, list[str]] = {}
+    for node in model.nodes.values():
+        for topic in node.publishes:
+            publishers.setdefault(topic, []).append(node.name)
+    found = set(names)
+    pending = list(found)
+    while pending:
+        name = pending.pop()
+        before: set[str] = set()
+        if name in model.hardware:
+            before.update(model.hardware[name].fed_by)
+        elif name in model.nodes:
+            driver = model.nodes[name]
+            before.update(driver.drives)
+            for inputs in driver.publishes.values():
+                before.update(one for topic in inputs for one in publishers.get(topic, ()))
+        pending += before - found
+        found |= before
+    return frozenset(found)
+
+
 def in_order(model: ComponentModel) -> tuple[Function, ...]:
     """Return the functions, each after those that it needs."""
     order, open_ = _ordered(model)
@@ -337,8 +362,8 @@ def _check_variant(
     if lost:
         fail(f"{name} is never admissible: its own acts take away {', '.join(sorted(lost))}", variant.line)
     for act, args in variant.do:
-        kinds = {"power_up": model.hardware, "shutdown": model.hardware}
-        kinds |= {"start_node": model.nodes, "stop_node": model.nodes}  # type: ignore[dict-item]
+        kinds = dict.fromkeys(("power_up", "shutdown"), frozenset(model.hardware))
+        kinds |= dict.fromkeys(("start_node", "stop_node"), frozenset(model.nodes))
         if act in kinds and (len(args) != 1 or args[0] not in kinds[act]):
             what = "device" if act in {"power_up", "shutdown"} else "node"
             near = did_you_mean(args[0], kinds[act], quote) if args else ""

@@ -130,6 +130,18 @@ PART: Schema = {
     ),
     "protected": _said("whether nothing may shut it down or stop it, nor what it cannot do without", OFF),
     "criticality": _said("how much the robot needs it", CRITICALITY),
+    "helps": _said(
+        "act (restart, power_cycle, or its name) → the probability that it cures, or one for each fault mode",
+        {
+            "type": ["object", "null"],
+            "additionalProperties": {
+                "anyOf": [
+                    {**PROBABILITY, "type": "number"},
+                    {"type": "object", "additionalProperties": {**PROBABILITY, "type": "number"}},
+                ]
+            },
+        },
+    ),
 }
 HARDWARE: Schema = {
     "channel": _said(

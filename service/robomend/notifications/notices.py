@@ -5,6 +5,9 @@ repair   a plan, or a question, waits for a yes          approval     for anothe
 repair   it ended, and a person is needed                escalated    for another repair
 repair   it acted, and nobody saw that it helped         escalated    for another repair
 drill    it ended, and left the robot unhealthy          escalated    for another drill
+change   it waits for a yes                              approval     for another change
+change   of a function with `notify`: it was made, or    change       each time
+         failed
 robot    nothing is known of it                          unknown      after an hour
 stop     the global stop was set, or lifted              stop         each time
 """
@@ -21,13 +24,13 @@ from urllib.parse import quote
 from robomend.drills.states import DrillState
 from robomend.planning.plan import action_titles
 from robomend.repairs.headline import of_repair, short, told
-from robomend.repairs.states import RepairState
+from robomend.repairs.states import ChangeState, RepairState
 from robomend.timestamps import rfc3339
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
 
-KINDS = frozenset({Kind.REPAIR, Kind.DRILL, Kind.ROBOT, Kind.STOP})
+KINDS = frozenset({Kind.REPAIR, Kind.CONFIGURATION, Kind.DRILL, Kind.ROBOT, Kind.STOP})
 """Of events that may be told of."""
 
 TOLD = frozenset(
@@ -74,6 +77,8 @@ def notice_of(event: Event) -> Notice | None:
     """Return what people are told of an event; None: nothing."""
     if event.kind is Kind.REPAIR:
         return _of_repair(event)
+    if event.kind is Kind.CONFIGURATION:
+        return _of_change(event)
     if event.kind is Kind.DRILL:
         return _of_drill(event)
     if event.kind is Kind.ROBOT:
@@ -127,8 +132,9 @@ def _of_repair(event: Event) -> Notice | None:
         lines += [f"plan: {_listed(action_titles(_acts(data)), '; ')}"] if len(plan) > 1 else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
-    elif data.get("drill") is not None or data.get("again"):
-        # A planted fault is undone: nobody is needed for it. Of what is taken up again somebody was told.
+    elif data.get("drill") is not None or data.get("again") or data.get("optional"):
+        # A planted fault is undone, and the robot can do without what is optional: nobody is needed for it.
+        # Of what is taken up again somebody was told.
         return None
     elif state == RepairState.UNCONFIRMED and not data.get("rounds"):  # it did nothing
         return None
@@ -144,6 +150,27 @@ def _of_repair(event: Event) -> Notice | None:
 
 def _acts(data: Json) -> list[tuple[str, list[str]]]:
     return [(step["name"], step["parameters"]) for step in data.get("plan") or ()]
+
+
+def _of_change(event: Event) -> Notice | None:
+    data, state = event.data, event.data.get("state")
+    asks = state == ChangeState.AWAITING_APPROVAL
+    wanted = asks or (data.get("notify") and state in {ChangeState.CHANGED, ChangeState.FAILED})
+    if "asked" in data or not wanted:
+        return None
+    change = str(data.get("id"))
+    lines = [_short(str(one.get("text"))) for one in data.get("changes") or ()]
+    plan = [str(step.get("text")) for step in data.get("plan") or ()]
+    lines += [f"plan: {_listed(plan, '; ')}"] if plan and asks else []
+    if state == ChangeState.FAILED:
+        lines.append(f"reason: {_short(data.get('reason') or '')}")
+    what = {
+        ChangeState.AWAITING_APPROVAL: "a change of configuration waits for a yes",
+        ChangeState.CHANGED: "its configuration was changed",
+    }.get(ChangeState(str(state)), "a change of configuration failed")
+    about = "approval" if asks else "change"
+    title = f"{event.robot}: {what}"
+    return Notice(about, f"{about}:{change}", event.robot, None, event.time_ns, title, tuple(lines))
 
 
 def _measured(data: Json) -> list[str]:

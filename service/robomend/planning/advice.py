@@ -21,7 +21,7 @@ from robomend.model.loops import Loop
 from robomend.model.system import System
 from robomend.model.vocabulary import TRENDS
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
-from robomend.planning.cures import carried, cycled, power_cuts
+from robomend.planning.cures import Rates, carried, cycled, power_cuts
 from robomend.planning.influence import influenced, published, put_out
 from robomend.planning.partial import helpful
 from robomend.planning.plan import Plan
@@ -72,6 +72,7 @@ class Situation:
     relapses: int = 0  # repairs in a row that helped what is suspected now, and did not last
     symptoms: Mapping[Atom, Symptom] = field(default_factory=dict)  # in which way what is bad is so
     power_back: Mapping[str, int] = field(default_factory=dict)  # device -> when its power was seen to return
+    rates: Rates = field(default_factory=dict)  # how probably acts cure, where that is given or learned
     asking: frozenset[str] = frozenset()  # actions to which a person has to say yes
 
     @property
@@ -159,6 +160,7 @@ class Situation:
             f"a second publisher: look who publishes {topics}" if topics else "",
             any(step.name in self.asking for step in plan.steps),
             yes,
+            self.rates,
         )
 
     @property

@@ -36,7 +36,7 @@ from dataclasses import dataclass, field, replace
 from operator import mul
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.cures import cured, cycled, power_cuts
+from robomend.planning.cures import Rates, cured, cycled, power_cuts, rates_in
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.quarantine import Quarantined
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
@@ -66,6 +66,7 @@ class Candidate:
     elsewhere: str = ""  # what is probably wrong instead, by its symptoms, and where to look
     asks: bool = False  # the policy has a person say yes to the plan
     yes: str = ""  # why a person has to, whatever the policy says
+    rates: Rates = field(default_factory=dict)  # how probably acts cure, where that is given or learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +190,7 @@ def _shares(one: Candidate, candidates: Sequence[Candidate]) -> list[float]:
     for other in candidates:
         bad = frozenset(other.diagnosis.bad)
         mended = bad & repaired if bad <= repaired or other is one else frozenset[str]()
-        cure = other.remedy * cured(one.plan, mended, other.works, one.carried)
+        cure = other.remedy * cured(one.plan, mended, other.works, one.carried, one.rates)
         found.append(cure * len(mended) / len(bad) if mended else 0.0)
     return found
 
@@ -236,6 +237,8 @@ def _weigh(
         reason = "; ".join(plan.unreachable) or f"{names}: nothing to do"
     else:
         reason = f"{names}: {_how_probably(helps, rivals)} at cost {plan.cost:g}"
+        if rated := rates_in(plan, bad, one.rates):
+            reason += f"; {', '.join(map(str, rated))}"
         if one.darkens:
             reason += f"; it cuts the power of what works: {', '.join(sorted(one.darkens))}"
         if one.yes:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from robomend.model.components import ComponentModel, Function, Variant
 from robomend.model.formulas import Formula, leaves
-from robomend.model.functions import Comparison, Measured, holds, in_order, needs_of
+from robomend.model.functions import Comparison, Measured, holds, in_order, needs_of, rests_on
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -74,6 +74,11 @@ class Standing(NamedTuple):
     suspected: bool = False  # some diagnosis blames what it needs
     aside: bool = False  # its acts failed, and it is not tried again yet
     why: str = ""  # why it is not admissible, not known to be, or not changed to
+
+    @property
+    def broken(self) -> bool:
+        """Whether every diagnosis blames something that it needs."""
+        return self.suspected and self.admissible is False
 
     @property
     def fine(self) -> bool:
@@ -123,7 +128,8 @@ def _standing(
 ) -> Standing:
     """Return how a variant stands, where the functions that it needs stand like `before`."""
     needs = needs_of(variant, model)
-    components = {need.component for need in needs if need.component is not None}
+    named = [need.component for need in needs if need.component is not None]
+    components = rests_on(named, model) if named else frozenset[str]()
     blamed = [components.intersection(bad) for bad in known.diagnoses]
     suspected = any(blamed)
     if blamed and all(blamed):
@@ -200,6 +206,7 @@ class Change(NamedTuple):
     target: str
     reason: str
     better: bool  # the target is preferred to the source
+    fault: bool = False  # the source is left as something that it needs is blamed
 
 
 class Made(NamedTuple):
@@ -227,10 +234,10 @@ class Keeper:
     _since: dict[tuple[str, str], int] = field(default_factory=dict)
     _failed: dict[tuple[str, str], tuple[int, int, str]] = field(default_factory=dict)
 
-    def failed(self, function: str, variant: str, why: str, now_ns: int) -> None:
+    def failed(self, function: str, variant: str, why: str, now_ns: int, least_ns: int = RETRY_NS) -> None:
         """Note that a variant was not reached; another one is tried meanwhile."""
         _, times, _ = self._failed.get((function, variant), (0, 0, ""))
-        wait_ns = min(RETRY_NS * 2**times, MOST_RETRY_NS)
+        wait_ns = min(least_ns * 2**times, MOST_RETRY_NS)
         self._failed[function, variant] = (now_ns + wait_ns, times + 1, why)
 
     def changed(self, made: Made) -> None:
@@ -290,7 +297,7 @@ class Keeper:
                 reason = met(formula, known) if better else standings[active].why
                 if better and not reason:
                     reason = f"{target} is admissible again"
-                changes.append(Change(name, active, target, reason, better))
+                changes.append(Change(name, active, target, reason, better, standings[active].broken))
             states[name] = replace(state, target=target, held=held)
         return Decision(states, tuple(changes), min(again, default=None))
 

@@ -9,8 +9,10 @@ p / c is larger: the order of robomend.planning.choice, here among the ways to c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 
 from robomend.model.components import ComponentModel
 from robomend.planning.plan import Outcome, Plan
@@ -38,27 +40,145 @@ and seldom because it hangs. The rest counts as its domain says. Whoever knows h
 actions' costs: a spare comes after the power cycle where it costs more than twice as much.
 """
 
+RESTART, CYCLE = "restart", "power_cycle"
+"""What `helps` of a model calls our own acts."""
+
+PRIOR_WEIGHT = 4
+"""What is given, or usual, counts as much as so many outcomes."""
+
+LEAST_OUTCOMES = 3
+"""Of an act of which nothing is given: fewer say nothing."""
+
+RELIABLE = 0.995
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """How probably an act cures a component that is what is wrong: Beta, its mean."""
+
+    act: str
+    component: str
+    prior: float
+    given: bool  # in the model, for this component
+    helped: int = 0
+    of: int = 0
+
+    @property
+    def mean(self) -> float:
+        """The probability, by what is given and what came of it."""
+        return (PRIOR_WEIGHT * self.prior + self.helped) / (PRIOR_WEIGHT + self.of)
+
+    def __str__(self) -> str:
+        said = [f"{self.prior:.0%} {'given' if self.given else 'usual'}"]
+        said += [f"{self.helped} of {self.of} helped"] if self.of else []
+        return f"{self.act} of {self.component} {self.mean:.0%} ({', '.join(said)})"
+
+
+Rates = Mapping[tuple[str, str], Rate]
+"""(act, component) -> its rate; what is not in it counts as is usual (CURES)."""
+
+NO_RATES: Rates = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """What came of acts on one component alone."""
+
+    component: str
+    acts: frozenset[str]  # restart, power_cycle, or an act's name
+    helped: bool
+    mode: str = ""
+
+
+def rates(
+    model: ComponentModel, modes: Mapping[str, str], outcomes: Iterable[Tried]
+) -> dict[tuple[str, str], Rate]:
+    """Return what the model gives, and what was learned.
+
+    Args:
+        modes: the fault mode of a component, where it is known.
+        outcomes: of earlier repairs; what came back by itself is not among them.
+    """
+    found: dict[tuple[str, str], Rate] = {}
+    for name, part in model.parts.items():
+        for act, by_mode in part.helps.items():
+            mode = modes.get(name, "")
+            prior = by_mode.get(mode, by_mode.get(""))
+            if prior is None:  # which mode it is is not known: each counts alike
+                prior = sum(by_mode.values()) / len(by_mode)
+            found[act, name] = Rate(act, name, prior, given=True)
+    counts: dict[tuple[str, str], list[int]] = {}
+    for one in outcomes:
+        if len(one.acts) == 1 and one.mode == modes.get(one.component, ""):
+            for act in one.acts:
+                tally = counts.setdefault((act, one.component), [0, 0])
+                tally[0] += one.helped
+                tally[1] += 1
+    for key, (helped, of) in counts.items():
+        known = found.get(key)
+        if known is not None:
+            found[key] = Rate(known.act, known.component, known.prior, True, helped, of)
+        elif of >= LEAST_OUTCOMES and helped < of and key[1] in model.parts:
+            prior = CURES[Cure.POWER_CYCLE if key[0] == CYCLE else Cure.OTHER]
+            found[key] = Rate(*key, prior, given=False, helped=helped, of=of)
+    return found
+
+
+def curing(plan: Plan, bad: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Return, for each of these, the kind of act by which the plan should cure it, and the act as text."""
+    by_cycle = {name: text for text, names in _power_cycles(plan) for name in names}
+    found: dict[str, tuple[str, str]] = {}
+    for step in plan.steps:
+        for effect in step.effects:
+            if effect.positive and effect.atom.predicate == "good" and effect.atom.args[0] in bad:
+                kind = RESTART if step.name == "start_node" else step.name
+                found[effect.atom.args[0]] = (kind, str(step))
+    return {
+        name: (CYCLE, by_cycle[name])
+        if name in by_cycle and found[name][1] == by_cycle[name]
+        else found[name]
+        for name in found
+    }
+
+
 Avoided = tuple[tuple[str, str], ...]
 """Ground actions as text that must not be used, each with the reason."""
 
 
 def cured(
-    plan: Plan, bad: Collection[str], works: Collection[str] = (), carried: Collection[str] = ()
+    plan: Plan,
+    bad: Collection[str],
+    works: Collection[str] = (),
+    carried: Collection[str] = (),
+    known: Rates = NO_RATES,
 ) -> float:
     """Return the probability that the plan cures these, if they are what is wrong and it repairs them.
 
     Args:
         works: those of them of which something is seen to work.
         carried: what is cycled with what the plan cycles.
+        known: the rates of acts, where they are given or learned.
     """
-    cycles = [names.intersection(bad) for _, names in _power_cycles(plan)]
-    if not any(cycles):
-        cycles = [frozenset(carried).intersection(bad)]
     probability = CURES[Cure.OTHER]
+    rated = rates_in(plan, bad, known)
+    for rate in rated:
+        probability *= rate.mean
+    rest = frozenset(bad).difference(rate.component for rate in rated)
+    cycles = [names.intersection(rest) for _, names in _power_cycles(plan)]
+    if not any(cycles):
+        cycles = [frozenset(carried).intersection(rest)]
     for names in filter(None, cycles):
         hangs = not names.issubset(works)
         probability *= CURES[Cure.POWER_CYCLE if hangs else Cure.CYCLE_OF_WORKING]
     return probability
+
+
+def rates_in(plan: Plan, bad: Collection[str], known: Rates) -> list[Rate]:
+    """Return the rates of the acts by which a plan should cure these."""
+    if not known:
+        return []
+    acts = curing(plan, bad)
+    return [known[kind, name] for name, (kind, _) in sorted(acts.items()) if (kind, name) in known]
 
 
 def cycled(plan: Plan) -> frozenset[str]:
@@ -86,12 +206,34 @@ def power_cuts(plan: Plan) -> frozenset[str]:
     )
 
 
-def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan]) -> Plan:
+WAYS = 3
+"""Other ways that are looked for."""
+
+
+def best_way(
+    plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan], known: Rates = NO_RATES
+) -> Plan:
     """Return the plan, or another way to cure the same that is likelier to help for what it costs.
 
     Args:
         other: plans for the same without these acts.
+        known: the rates of acts, where they are given or learned.
     """
+    best, last = plan, plan
+    tried: Avoided = ()
+    for _ in range(WAYS if known else 0):
+        doubtful = {rate.component for rate in rates_in(last, bad, known) if rate.mean < RELIABLE}
+        acts = {text for name, (_, text) in curing(last, bad).items() if name in doubtful}
+        if not acts:
+            break
+        tried = (*tried, *((text, "another way is looked for") for text in sorted(acts)))
+        last = other(tried)
+        if not last.steps or last.outcome is Outcome.GAVE_UP or len(last.unreachable) > len(plan.unreachable):
+            break
+        if cured(last, bad, known=known) * best.cost > cured(best, bad, known=known) * last.cost:
+            best = last
+    if tried:
+        return best
     why = "another way is looked for"
     cycles = tuple((text, why) for text, names in _power_cycles(plan) if not names.isdisjoint(bad))
     if not cycles:

@@ -48,9 +48,9 @@ def check_domain(text: str, model: ComponentModel | None) -> Domain:
 
 
 def check_names(what: str, names: Iterable[str], domain: Domain, model: ComponentModel | None = None) -> None:
-    """Refuse (InputError) names that are neither actions of the robot's domain nor remedies of its model."""
-    remedies = () if model is None else (one.name for one in model.remedies)
-    known = dict.fromkeys((*(name for name in domain.schemas if name != MEND), *remedies))
+    """Refuse (InputError) names that are no actions of the robot's domain, remedies or acts of its model."""
+    own = () if model is None else (*(one.name for one in model.remedies), *model.acts)
+    known = dict.fromkeys((*(name for name in domain.schemas if name != MEND), *own))
     for name in names:
         if name not in known:
             raise InputError(

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 from robomend.errors import SolverError
 from robomend.model.components import ComponentModel
-from robomend.planning.cures import Avoided, best_way
+from robomend.planning.cures import Avoided, Rate, best_way
 from robomend.planning.decomposition import NamedPart, Part, split
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -60,6 +60,7 @@ class PlanOptions:
     offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
     lingering: tuple[str, ...] = ()  # nodes that may still be there where they are observed not to run
     pddl: bool = False  # add the PDDL to the plan
+    rates: tuple[Rate, ...] = ()  # how probably acts cure, where that is given or learned
 
 
 def plan_for(
@@ -176,7 +177,7 @@ def _way_for(
     """Return the cheapest plan, or, where the user's actions have it, a way that is likelier to help."""
     began = processor_s()
     plan = plan_for(model, observed, bad, options, work)
-    if options.domain is None:
+    if options.domain is None and not options.rates:
         return plan
     left_s = None if options.timeout_s is None else max(0.0, options.timeout_s - (processor_s() - began))
 
@@ -184,7 +185,7 @@ def _way_for(
         again = replace(options, timeout_s=left_s, avoided=(*options.avoided, *avoided))
         return plan_for(model, observed, bad, again, work)
 
-    return best_way(plan, bad, other)
+    return best_way(plan, bad, other, {(rate.act, rate.component): rate for rate in options.rates})
 
 
 def gave_up(planner: str, elapsed_s: float) -> Plan:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable
 
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import KINDS
+from robomend.model.vocabulary import ACTIVE
 from robomend.planning.plan import Step
 from robomend_client.literals import Atom, Literal
 
@@ -153,7 +154,7 @@ class Prediction:
         facts = {
             observable(Literal(fact))
             for fact in self._facts
-            if OPPOSITES.get(fact.predicate, fact.predicate) in OBSERVED_FACTS
+            if OPPOSITES.get(fact.predicate, fact.predicate) in OBSERVED_FACTS or fact.predicate == ACTIVE
         }
         good = [name for name in self._components if Atom("good", (name,)) in self._facts]
         derived = self._theory.derived(good, self._given, self._failed) - self._given

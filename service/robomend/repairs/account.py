@@ -16,6 +16,7 @@ from typing import Any
 
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
+from robomend.model.vocabulary import ACTIVE
 from robomend.planning.choice import Choice
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.headline import began, seen
@@ -29,6 +30,11 @@ MOST = 10
 """Symptoms, conflicts and rivals that a round keeps; the rest is counted."""
 
 
+def _symptom(entry: Entry) -> bool:
+    """Whether it does not hold and should; that a variant is not active is no symptom."""
+    return not entry.positive and entry.atom.predicate != ACTIVE
+
+
 def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -> dict[str, Any]:
     """Return what a choice rests on, to be written with its round.
 
@@ -37,7 +43,7 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
         entries: what is known of the robot; what does not hold are its symptoms.
     """
     bad = frozenset(choice.diagnosis.bad) if choice.diagnosis else frozenset()
-    symptoms = sorted((entry for entry in entries if not entry.positive), key=began)
+    symptoms = sorted(filter(_symptom, entries), key=began)
     rests = [(one.components, tuple(map(str, one.observations))) for one in result.conflicts]
     conflicts = [one.text for one in result.conflicts if set(one.components) & bad]
     rivals = [one for one in choice.alternatives if frozenset(one.diagnosis.bad) != bad]
@@ -66,7 +72,7 @@ def outcome(round_: Json, entry_of: Mapping[Atom, Entry]) -> list[dict[str, Any]
     """
     told = {symptom["literal"].removeprefix("not ") for symptom in round_.get("symptoms", ())}
     found = {str(atom): entry for atom, entry in entry_of.items()}
-    new = sorted(atom for atom, entry in found.items() if not entry.positive and atom not in told)
+    new = sorted(atom for atom, entry in found.items() if _symptom(entry) and atom not in told)
     return [_seen(found[atom]) for atom in (*sorted(told & found.keys()), *new[:MOST])]
 
 

@@ -15,7 +15,7 @@ from robomend.planning.plan import Step
 from robomend.planning.policy import TAKES_AWAY
 from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepReport, Withheld, found_running
 from robomend.repairs.left_off import given_by, still, taken_by
-from robomend.repairs.record import RepairRecord
+from robomend.repairs.record import ActionRecord
 from robomend.repairs.repeating import Repeats
 from robomend.repairs.states import StepState
 from robomend.robots.clock import CLOCK
@@ -35,7 +35,7 @@ class Acts:
     """See the module."""
 
     def __init__(
-        self, state: Robot, record: RepairRecord, repeats: Repeats, lingering: Iterable[str] = ()
+        self, state: Robot, record: ActionRecord, repeats: Repeats, lingering: Iterable[str] = ()
     ) -> None:
         self.attempts: Counter[str] = Counter()  # actions by component in the last hour
         self.lingering = frozenset(lingering)  # nodes that a start found there, and that do not work
@@ -48,7 +48,7 @@ class Acts:
         self._components = frozenset(state.system.cnf.components)
 
     @classmethod
-    async def of(cls, store: Store, state: Robot, record: RepairRecord) -> Acts:
+    async def of(cls, store: Store, state: Robot, record: ActionRecord) -> Acts:
         """Return those of a repair, with what is on disk of it after a crash."""
         steps = [step.data for step in await store.read(repairs.steps, record.id)]
         acts = cls(state, record, Repeats(steps))
@@ -100,7 +100,7 @@ class Acts:
 
     async def intend(self, action: Action, report: StepReport) -> None:
         """Write an intent (see Journal), and count it: for the limit per hour, and for this repair."""
-        taken = taken_by(report.step, self._state, self._state.config.expected_stopped)
+        taken = taken_by(report.step, self._state, self._state.expected_stopped)
         if taken is not None:
             self._record.leave_off({**self._record.left_off, taken: CLOCK.now_ns()})
         try:

@@ -153,7 +153,7 @@ class Calm:
         state, now_ns = self._state, CLOCK.now_ns()
         entries = {entry.atom: entry for entry in state.obs.entries() if entry.fresh(now_ns)}
         unconfirmed = frozenset(state.sight.not_confirmed())
-        expected = set(state.config.expected_stopped)
+        expected = set(state.expected_stopped)
         said = [e for a, e in entries.items() if a not in unconfirmed]
         symptoms = [e for e in said if not e.positive and not expected.intersection(e.atom.args)]
         parts = state.system.parts

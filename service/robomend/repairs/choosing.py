@@ -25,6 +25,7 @@ from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, suspected_most
+from robomend.planning.cures import rates
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
@@ -39,6 +40,16 @@ from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
 from robomend.store import Store, attempts
 from robomend_client.literals import Literal
+
+
+def _modes(result: DiagnosisResult) -> dict[str, str]:
+    """Return the fault mode of each suspect, by the first diagnosis that says it."""
+    found: dict[str, str] = {}
+    for diagnosis in result.diagnoses:
+        for name, mode in diagnosis.modes.items():
+            found.setdefault(name, mode)
+    return found
+
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
@@ -214,7 +225,7 @@ class Chooser:
             planner=planner or state.config.planner,
             timeout_s=timeout_s,
             domain=state.config.domain,
-            expected_stopped=state.config.expected_stopped,
+            expected_stopped=state.expected_stopped,
             quarantined=tuple(
                 name
                 for name in dict.fromkeys((*memory.quarantined, *sorted(situation.second_published)))
@@ -224,6 +235,7 @@ class Chooser:
             avoided=(*avoided, *situation.unfit),
             lingering=tuple(sorted({*lingering, *situation.lingering})),
             offers=await offers_if_all(state, parts, names, self._store),
+            rates=tuple(situation.rates.values()),
             pddl=pddl,
         )
         forbidden = {name: why for name in names if (why := policy.forbids(name)) is not None}
@@ -258,6 +270,7 @@ class Chooser:
             surely_broken=memory.surely_broken,
             relapses=len(memory.relapses),
             symptoms=state.sight.kinds(),
+            rates=rates(parts, _modes(result), memory.outcomes),
             power_back=state.sight.power_back,
         )
 

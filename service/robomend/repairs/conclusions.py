@@ -73,7 +73,7 @@ def nobody_blamed(state: Robot, written: Json) -> tuple[RepairTrigger, str]:
     if (nothing := unseen(state, written)) is not None:
         return RepairTrigger.OVERTAKEN, nothing
     how, unknown = health_of(state)
-    if how is HealthState.UNHEALTHY:
+    if how.faulty:
         return RepairTrigger.OVERTAKEN, "something is blamed again"
     if how is not HealthState.HEALTHY:
         return RepairTrigger.UNSEEN, unconfirmed(unknown, state)

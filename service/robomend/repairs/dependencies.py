@@ -45,7 +45,8 @@ class Dependencies:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
         board = None if state.config.board is None else await self.robots.board(state.id)
         around = self.around(state.id, board, hosts_of(parts), halt, fence)
-        return executors(await self.chooser.actions(state), state.config.actions, around)
+        actions = dict.fromkeys((*await self.chooser.actions(state), *parts.acts))
+        return executors(actions, state.config.actions, around)
 
     def around(
         self,

@@ -62,7 +62,13 @@ def findings(
         found += _slow(state)
         if (why := state.interlocked()) is not None:
             found.append(f"nothing is sent to the robot now: {why}")
-    return [*found, *_unobserved(state)]
+    return [*found, *_unobserved(state), *_not_active(state)]
+
+
+def _not_active(state: Robot) -> Iterator[str]:
+    for name, function in state.function_states().items():
+        if function.unknown:
+            yield f"{function.unknown}: it is not changed before one is, as active({name}, …)"
 
 
 def contradicted(state: Robot) -> list[str]:

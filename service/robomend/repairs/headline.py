@@ -130,7 +130,8 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
         over = [one.expires_ns for one in entries if one.expires_ns and one.atom in unknown]
         since_ns = (max if health is HealthState.UNKNOWN else min)(over) if over else None
     conflicts = [(one["components"], one["observations"]) for one in result.get("conflicts", ())]
-    symptoms = sorted((entry for entry in robot.sight.entries() if not entry.positive), key=began)
+    fallen = robot.sight.symptoms()
+    symptoms = sorted((entry for entry in robot.sight.entries() if entry.atom in fallen), key=began)
     return headline(
         Facts(
             health=health,
@@ -206,6 +207,8 @@ def _what(of: Facts) -> tuple[Told, int | None]:
         words += _fault(cause, symptom, of.since_ns)
     if len(faults) > len(shown):
         words.append(f"; and {len(faults) - len(shown)} more")
+    if of.health is HealthState.DEGRADED:
+        words.append("; the robot does without")
     if follow := [_subject(one["literal"]) for one in of.symptoms if one["literal"] not in heads]:
         words.append(f"; {_following(list(dict.fromkeys(follow)))}")
     first = next((symptom for _, symptom in faults if symptom is not None), None)

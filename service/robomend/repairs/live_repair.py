@@ -7,7 +7,7 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -34,7 +34,7 @@ from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.clock import CLOCK
-from robomend.robots.health import HealthState, health_of
+from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
@@ -75,8 +75,14 @@ class LiveRepair:
         signals: Signals,
         heard_since: int | None,
         acts: Acts,
+        before_acts: Callable[[], Awaitable[None]],
     ) -> None:
-        """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
+        """
+        Args:
+            heard_since: after a crash, the revision of OBS up to which observations do not count.
+            before_acts: awaited before a plan is begun: a change of configuration may come first.
+        """
+        self._before_acts = before_acts
         self._robots = robots
         self._chooser = chooser
         self._state = state
@@ -176,7 +182,7 @@ class LiveRepair:
             how, unknown = health_of(self._state)
             late_s = self._state.sight.may_be_late_s(unknown)
             asked = self._record.data.get("asked") and not self._record.data.get("rounds")
-            behind = how is HealthState.UNHEALTHY or bool(self._state.not_judged())
+            behind = how.faulty or bool(self._state.not_judged())
             behind = behind and time.monotonic() < deadline
             if not result.healthy or (not behind and (late_s <= 0 or asked)):
                 return result
@@ -258,7 +264,10 @@ class LiveRepair:
 
     async def approved(self, choice: Choice) -> bool:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
-        return await self._permission.approved(choice)
+        if not await self._permission.approved(choice):
+            return False
+        await self._signals.unless_halted(self._before_acts())
+        return not self._signals.halt.is_set()
 
     # --- act
 

@@ -94,8 +94,8 @@ def answered(view: View, drill: StoredDrill) -> bool:
     return bool(found) and not found[0].open and found[0].data.get("drill") == drill.id
 
 
-class RepairRecord:
-    """The records of one open repair."""
+class ActionRecord:
+    """The records of the actions of one open repair, or change of configuration."""
 
     def __init__(
         self, store: Store, repair: StoredRepair, fence: Fence, components: Collection[str] = ()
@@ -110,33 +110,23 @@ class RepairRecord:
 
     @property
     def id(self) -> str:
-        """The repair's id."""
+        """The repair's id, or the change's."""
         return self._repair.id
 
     @property
     def robot(self) -> str:
-        """The robot that is repaired."""
+        """The robot that is acted on."""
         return self._repair.robot
 
     @property
-    def state(self) -> RepairState:
-        """What the repair is in."""
-        return RepairState(self._repair.state)
-
-    @property
     def data(self) -> Json:
-        """What is written of the repair besides its state."""
+        """What is written of it besides its state."""
         return self._data
 
     @property
     def drill(self) -> str | None:
         """The drill whose fault it answers; None: the fault is a real one."""
         return self._data.get("drill")
-
-    @property
-    def tries_anew_from_ns(self) -> int:
-        """What was tried before that may help now: of one that takes up an earlier one, its own beginning."""
-        return self._repair.created_ns if self._data.get("again") else 0
 
     @property
     def left_off(self) -> dict[str, int]:
@@ -149,7 +139,103 @@ class RepairRecord:
 
     def _keep_left_off(self, tx: Transaction) -> None:
         if self.left_off != (self._repair.data.get("left_off") or {}):
-            repairs.update(tx, self.id, state=self.state, data=self._data, open=True, fence=self.fence)
+            repairs.update(
+                tx, self.id, state=self._repair.state, data=self._data, open=True, fence=self.fence
+            )
+
+    # --- the journal of actions (robomend.repairs.execution_values.Journal)
+
+    async def intend(self, action: Action, report: StepReport) -> None:
+        """Write that an action will be sent, unless the global stop or a cancellation came first.
+
+        Looked up in the transaction that the intent is written in, so that no action follows a stop that
+        was acknowledged, whichever instance it was said to.
+        """
+        number, step = step_number(action.id), report.step
+        entry = AuditEntry(
+            actor=str(self._data.get("by") or LOOP),
+            action="action.sent",
+            subject=str(action),
+            robot=self.robot,
+            reason=self._why,
+            before={"preconditions": [str(p) for p in step.preconditions]},
+            after={"effects": [str(e) for e in step.effects]},
+        )
+
+        def write(tx: Transaction) -> str | None:
+            stop = global_stop.hold(tx)
+            if stop.active:
+                return f"global stop: {stop.reason}"
+            for request in repairs.requests(tx, self.robot):
+                if request.what == "cancel" and request.repair == self.id:
+                    return request.reason or NO_REASON
+            journal.intend(
+                tx,
+                self.id,
+                number,
+                action=action.id,
+                name=action.name,
+                parameters=action.parameters,
+                timeout_s=action.timeout_s,
+                fence=self.fence,
+            )
+            counted = self._components.intersection(action.parameters) if self.drill is None else ()
+            for component in counted:
+                attempts.count(tx, self.robot, component, self.id, fence=self.fence)
+            tx.note(entry)
+            self._put_step(tx, report, number)
+            self._keep_left_off(tx)
+            return None
+
+        refusal = await self._store.write(write, robots=(self.robot,))
+        if refusal is not None:
+            raise Withheld(refusal)
+
+    async def settle(
+        self, action: Action, result: ActionResult, report: StepReport, anew: Json | None = None
+    ) -> None:
+        """Write the outcome of an action; `anew` is what agents are to judge anew, for its event."""
+        entry = AuditEntry(
+            actor=LOOP,
+            action="action.result",
+            subject=str(action),
+            robot=self.robot,
+            reason=result.message,
+            after={"result": result.code},
+        )
+
+        def write(tx: Transaction) -> None:
+            journal.settle(tx, action.id, result.code, result.message, fence=self.fence)
+            tx.note(entry)
+            self._put_step(tx, report, step_number(action.id), **({} if anew is None else {"settle": anew}))
+            self._keep_left_off(tx)
+
+        await self._store.write(write, robots=(self.robot,))
+
+    async def report(self, report: StepReport, first: int) -> None:
+        """Note how far a step came."""
+        number = first + report.step.index
+        await self._store.write(lambda tx: self._put_step(tx, report, number), robots=(self.robot,))
+
+    def _put_step(self, tx: Transaction, report: StepReport, number: int, **told: Json) -> None:
+        data = report_json(report, number)
+        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self.fence)
+        told_of = {"repair": self.id, "round": self._data.get("round"), **data, **told}
+        tx.emit(Kind.ACTION, self.robot, told_of)
+
+
+class RepairRecord(ActionRecord):
+    """The records of one open repair."""
+
+    @property
+    def state(self) -> RepairState:
+        """What the repair is in."""
+        return RepairState(self._repair.state)
+
+    @property
+    def tries_anew_from_ns(self) -> int:
+        """What was tried before that may help now: of one that takes up an earlier one, its own beginning."""
+        return self._repair.created_ns if self._data.get("again") else 0
 
     async def update(
         self,
@@ -294,86 +380,6 @@ class RepairRecord:
         if rounds and rounds[-1]["ending"] is None:
             rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": False}
         return rounds
-
-    # --- the journal of actions (robomend.repairs.execution_values.Journal)
-
-    async def intend(self, action: Action, report: StepReport) -> None:
-        """Write that an action will be sent, unless the global stop or a cancellation came first.
-
-        Looked up in the transaction that the intent is written in, so that no action follows a stop that
-        was acknowledged, whichever instance it was said to.
-        """
-        number, step = step_number(action.id), report.step
-        entry = AuditEntry(
-            actor=str(self._data.get("by") or LOOP),
-            action="action.sent",
-            subject=str(action),
-            robot=self.robot,
-            reason=self._why,
-            before={"preconditions": [str(p) for p in step.preconditions]},
-            after={"effects": [str(e) for e in step.effects]},
-        )
-
-        def write(tx: Transaction) -> str | None:
-            stop = global_stop.hold(tx)
-            if stop.active:
-                return f"global stop: {stop.reason}"
-            for request in repairs.requests(tx, self.robot):
-                if request.what == "cancel" and request.repair == self.id:
-                    return request.reason or NO_REASON
-            journal.intend(
-                tx,
-                self.id,
-                number,
-                action=action.id,
-                name=action.name,
-                parameters=action.parameters,
-                timeout_s=action.timeout_s,
-                fence=self.fence,
-            )
-            counted = self._components.intersection(action.parameters) if self.drill is None else ()
-            for component in counted:
-                attempts.count(tx, self.robot, component, self.id, fence=self.fence)
-            tx.note(entry)
-            self._put_step(tx, report, number)
-            self._keep_left_off(tx)
-            return None
-
-        refusal = await self._store.write(write, robots=(self.robot,))
-        if refusal is not None:
-            raise Withheld(refusal)
-
-    async def settle(
-        self, action: Action, result: ActionResult, report: StepReport, anew: Json | None = None
-    ) -> None:
-        """Write the outcome of an action; `anew` is what agents are to judge anew, for its event."""
-        entry = AuditEntry(
-            actor=LOOP,
-            action="action.result",
-            subject=str(action),
-            robot=self.robot,
-            reason=result.message,
-            after={"result": result.code},
-        )
-
-        def write(tx: Transaction) -> None:
-            journal.settle(tx, action.id, result.code, result.message, fence=self.fence)
-            tx.note(entry)
-            self._put_step(tx, report, step_number(action.id), **({} if anew is None else {"settle": anew}))
-            self._keep_left_off(tx)
-
-        await self._store.write(write, robots=(self.robot,))
-
-    async def report(self, report: StepReport, first: int) -> None:
-        """Note how far a step came."""
-        number = first + report.step.index
-        await self._store.write(lambda tx: self._put_step(tx, report, number), robots=(self.robot,))
-
-    def _put_step(self, tx: Transaction, report: StepReport, number: int, **told: Json) -> None:
-        data = report_json(report, number)
-        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self.fence)
-        told_of = {"repair": self.id, "round": self._data.get("round"), **data, **told}
-        tx.emit(Kind.ACTION, self.robot, told_of)
 
 
 def _waits(written: Json, what: RepairTrigger, why: str, names: Sequence[str]) -> list[Json]:

@@ -122,6 +122,7 @@ class Reentry:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
         once = self._chooser.not_idempotent(state, await self._chooser.actions(state))
         intents = await self._store.read(journal.unsettled, self._record.robot)
+        intents = tuple(one for one in intents if not repairs.is_change(one.repair))
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
         return LeftOpen(tuple(fates), once, self._record.id, self._fence)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend.planning.choice import Choice
-from robomend.planning.cures import once
+from robomend.planning.cures import Tried, curing, once
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
@@ -34,6 +34,7 @@ class Remembered:
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
+    outcomes: tuple[Tried, ...] = ()  # of acts on one component alone, in earlier repairs
     reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
 
 
@@ -67,7 +68,25 @@ def remembered(
         surely_broken(records, repairs.newest(view, [robot]).get(robot)),
         again,
         frozenset(aside),
+        outcomes(records, repairs.newest(view, [robot]).get(robot)),
         reconnecting(records),
+    )
+
+
+def outcomes(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -> tuple[Tried, ...]:
+    """Return what came of acts that were carried out on one component alone, in repairs that have ended.
+
+    What came back by itself says nothing of them.
+    """
+    now = repair.id if repair is not None and repair.open else None
+    return tuple(
+        Tried(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "")
+        for one in tried
+        if len(one.bad) == 1
+        and one.repair != now
+        and not one.data.get("by_itself")
+        and one.data.get("cures")
+        and (one.helped or one.effect_seen)
     )
 
 
@@ -133,6 +152,8 @@ def judged(
         "direct": direct(execution.steps, choice.diagnosis.bad),
         "certain": [name for name in choice.diagnosis.bad if name in choice.certain],
         "reconnected": sorted(execution.kept - set(choice.diagnosis.bad)),
+        "cures": sorted({kind for kind, _ in curing(choice.plan, choice.diagnosis.bad).values()}),
+        "mode": next(iter(choice.diagnosis.modes.values()), None),
     }
     if by_itself is not None:
         return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []

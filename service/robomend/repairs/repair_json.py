@@ -50,6 +50,48 @@ def report_json(report: StepReport, number: int) -> dict[str, Any]:
     }
 
 
+def change_json(change: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:
+    """Return a change of configuration as HTTP and events show it."""
+    data = dict(change.data)
+    reports = {record.step: record.data for record in steps}
+    waiting = {"state": StepState.WAITING, "result": None, "message": "", "feedback": None}
+    changed_ns = data.get("changed_ns")
+    return {
+        "id": change.id,
+        "robot": change.robot,
+        "state": change.state,
+        "changes": [
+            {
+                **one,
+                "back": None if one["back_ns"] is None else rfc3339(one["back_ns"]),
+                "text": _in_words(one, changed_ns),
+            }
+            for one in data.get("changes", ())
+        ],
+        "plan": [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())],
+        "cost": data.get("cost"),
+        "reason": data.get("reason", ""),
+        "by": data.get("by"),
+        "notify": data.get("notify", False),
+        "changed_ns": changed_ns,
+        "changed": None if changed_ns is None else rfc3339(changed_ns),
+        "created_ns": change.created_ns,
+        "created": rfc3339(change.created_ns),
+        "updated_ns": change.updated_ns,
+        "updated": rfc3339(change.updated_ns),
+        "finished_ns": None if change.open else change.updated_ns,
+        "finished": None if change.open else rfc3339(change.updated_ns),
+    }
+
+
+def _in_words(change: dict[str, Any], changed_ns: int | None) -> str:
+    said = f"{change['function']}: {change['from']} → {change['to']}"
+    if changed_ns is not None:
+        said += f" at {rfc3339(changed_ns)[11:19]}"
+    said += f", as {change['reason']}" if change["reason"] else ""
+    return said if change["back_ns"] is None else f"{said}; back at {rfc3339(change['back_ns'])[11:19]}"
+
+
 def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:
     """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
     data = dict(repair.data)
@@ -81,6 +123,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "waits": data.get("waits", []),
         "probe": data.get("probe"),
         "reason": data.get("reason", ""),
+        "optional": data.get("optional", False),
         "by": data.get("by"),
         "created_ns": repair.created_ns,
         "updated_ns": repair.updated_ns,

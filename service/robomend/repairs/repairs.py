@@ -35,7 +35,7 @@ from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
 from robomend.repairs.offers import offers_if_all
 from robomend.repairs.record import new_repair
-from robomend.repairs.repair_json import repair_json
+from robomend.repairs.repair_json import change_json, repair_json
 from robomend.repairs.robot_loops import RobotLoops
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
@@ -130,6 +130,7 @@ class Repairs:
             actions = await needs.chooser.actions(state)
         hosts = [agent.host for agent in state.sight.declared.agents()]
         parts = state.system.parts
+        actions = (*actions, *(() if parts is None else parts.acts))
         offers = None if parts is None else await offers_if_all(state, parts, actions, self._store)
         asked = Asked(hosts, HEARD_S, offers)
         return findings(state, faults, actions, self._around(robot, board), asked)
@@ -193,6 +194,12 @@ class Repairs:
         )
         return {**repair, "account": account(repair)}
 
+    async def change(self, change_id: str) -> Json:
+        """Return one change of configuration with its steps."""
+        return await self._store.read(
+            lambda view: change_json(repairs.get(view, change_id), repairs.steps(view, change_id))
+        )
+
     async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
         """Let a repair that awaits approval run. StateConflict in any other state."""
         return await self._ask(repair_id, "approve", by, reason)
@@ -203,23 +210,29 @@ class Repairs:
 
     async def _ask(self, repair_id: str, what: str, by: str, reason: str) -> Json:
         def ask(tx: Transaction) -> str:
-            repair = repairs.get(tx, repair_id)
+            repair, change = repairs.get(tx, repair_id), repairs.is_change(repair_id)
+            kind = "change" if change else "repair"
             if not repair.open:
-                raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
+                raise StateConflict(f"{kind} {repair_id} has ended already ({repair.state})")
             if what == "approve" and repair.state != RepairState.AWAITING_APPROVAL:
-                raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
+                raise StateConflict(f"{kind} {repair_id} awaits no approval; it is {repair.state}")
             if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
-                raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
+                raise StateConflict(f"{kind} {repair_id}: somebody said {what!r} already")
             repairs.ask(tx, repair_id, what, by=by, reason=reason)
-            tx.emit(Kind.REPAIR, repair.robot, {**repair_json(repair), "asked": what, "asked_by": by})
-            tx.note(AuditEntry(by, f"repair.{what}", repair_id, repair.robot, reason))
+            shown = change_json(repair) if change else repair_json(repair)
+            tx.emit(
+                Kind.CONFIGURATION if change else Kind.REPAIR,
+                repair.robot,
+                {**shown, "asked": what, "asked_by": by},
+            )
+            tx.note(AuditEntry(by, f"{kind}.{what}", repair_id, repair.robot, reason))
             return repair.state
 
         before = await self._store.write(ask)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + DECIDED_S
         while True:
-            now = await self.repair(repair_id)
+            now = await (self.change if repairs.is_change(repair_id) else self.repair)(repair_id)
             if now["state"] != before and (what == "approve" or now["finished_ns"] is not None):
                 return now
             if loop.time() >= deadline:

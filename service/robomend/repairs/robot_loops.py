@@ -31,7 +31,7 @@ a thousand loops would come together and keep changes waiting."""
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
 
-WAKING = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
+WAKING = frozenset({Kind.REPAIR, Kind.CONFIGURATION, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
 """Kinds of events that a robot's loop must hear of."""
 
 
@@ -131,6 +131,8 @@ class RobotLoops:
                     self._seeker.wake()
                 elif kind is Kind.REPAIR:
                     loop.asked()
+                elif kind is Kind.CONFIGURATION:
+                    loop.changes.asked()
                 elif kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
                     loop.reconsider()
                 else:

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Collection
 
 import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, RobomendError, StoreError
+from robomend.model.components import Criticality
 from robomend.poller import wait_for
 from robomend.repairs.acts import Acts
+from robomend.repairs.changes import Changes
 from robomend.repairs.conclusions import BadSets, Silent, blamed_now, conclusion, end_of, in_doubt
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.left_off import in_words
@@ -27,13 +30,15 @@ from robomend.repairs.reasons import IDLE_S, ReasonsToRepair, takes_up
 from robomend.repairs.record import LOOP, RepairRecord, answered, new_repair
 from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
-from robomend.repairs.states import RepairTrigger
+from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.store import Transaction, drills, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 
 log = structlog.get_logger("robomend.repairs.robot_repairs")
+
+ACTING = frozenset({RepairState.RUNNING, RepairState.VERIFYING})
 
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
@@ -52,6 +57,15 @@ class RobotRepairs:
         self._reasons = ReasonsToRepair()
         self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
+        self._record: RepairRecord | None = None  # of the repair that is carried out
+        self.changes = Changes(needs, robot, fence, self._acting, self._left_off)
+
+    def _acting(self) -> bool:
+        """Whether the plan of a repair is under way: no configuration is changed meanwhile."""
+        return self._record is not None and self._record.state in ACTING
+
+    def _left_off(self) -> Collection[str]:
+        return () if self._record is None else self._record.left_off.keys()
 
     # --- what wakes it
 
@@ -61,6 +75,8 @@ class RobotRepairs:
         Args:
             state: the robot, if it is in memory.
         """
+        if state is None or state.functions:
+            self.changes.wake()
         if not self._resting or self._reasons.any(state, self._needs.chooser, self._needs.switch.stop):
             self._news.set()
 
@@ -73,6 +89,7 @@ class RobotRepairs:
     def reconsider(self) -> None:
         """A person changed something: what was given up on may be worth another try."""
         self._reasons.reconsider()
+        self.changes.reconsider()
         self._news.set()
 
     def wake(self) -> None:
@@ -82,6 +99,7 @@ class RobotRepairs:
     def stopped(self) -> None:
         """The global stop changed."""
         stop = self._needs.switch.stop
+        self.changes.stopped()
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         elif self._reasons.held_by_stop:  # nobody else: a fleet of healthy robots sleeps on
@@ -89,6 +107,14 @@ class RobotRepairs:
 
     async def run(self) -> None:
         """Look after the robot until it is lost, deleted, or the service ends."""
+        changing = asyncio.create_task(self.changes.run(), name=f"configuration of {self._robot}")
+        try:
+            await self._run()
+        finally:
+            changing.cancel()
+            await asyncio.wait({changing})
+
+    async def _run(self) -> None:
         with contextlib.suppress(RobomendError):
             await self._needs.store.read(lambda view: self._reasons.recall(view, self._robot))
         while True:
@@ -166,6 +192,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
+        self._record = record
         signals = self._signals = Signals(lambda: self._needs.switch.active)
         self.stopped()
         entry = Reentry(
@@ -221,6 +248,7 @@ class RobotRepairs:
                 end, reason = RepairTrigger.HALTED, f"{signals.reason}; {reason}"
         how = {"declined": declined, "unlasting": unlasting, "unheard": unheard}
         await self._end(entry, state, record, end, reason, blamed, **how)
+        self.changes.repair_ended()
 
     async def _bring_back(self, live: LiveRepair) -> None:
         """Let a repair that gives up leave nothing stopped or off by its doing."""
@@ -290,6 +318,7 @@ class RobotRepairs:
             given_up=None if given_up is None else [list(bad) for bad in sorted(given_up)],
             retry_ns=retry_ns,
             takes_up=again,
+            optional=_all_optional(state, blamed),
             **why,
         )
 
@@ -297,6 +326,14 @@ class RobotRepairs:
         needs, signals = self._needs, self._signals
         who = await needs.executors(state, signals.halt, self.fence)
         acts = await Acts.of(needs.store, state, record)
-        return LiveRepair(
-            needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, acts
-        )
+        around = (state, record, who, signals, heard_since, acts, self.changes.finished)
+        return LiveRepair(needs.store, needs.robots, needs.chooser, *around)
+
+
+def _all_optional(state: Robot, blamed: BadSets | None) -> bool:
+    """Whether the robot can do without all that is blamed, whichever diagnosis is right."""
+    parts = state.system.parts
+    names = frozenset().union(*(blamed or ()))
+    if parts is None or not names:
+        return False
+    return all(parts.parts[name].criticality is Criticality.OPTIONAL for name in names)

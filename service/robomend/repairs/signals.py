@@ -150,6 +150,8 @@ class Requests:
 
     async def _hand_over(self, repair: str, signals: Signals) -> None:
         for request in await self._store.read(repairs.requests, self._fence.robot):
+            if repairs.is_change(request.repair) != repairs.is_change(repair):
+                continue  # a repair and a change of configuration may be open side by side
             if request.repair != repair:  # that one has ended
                 await self._store.write(partial(_answer, request.number, self._fence))
             elif request.what == "approve":

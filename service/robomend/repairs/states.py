@@ -106,6 +106,35 @@ REPAIR: dict[tuple[RepairState, RepairTrigger], RepairState] = {
 }
 
 
+class ChangeState(StrEnum):
+    """What a change of configuration is in."""
+
+    AWAITING_APPROVAL = "awaiting-approval"
+    RUNNING = "running"
+    CHANGED = "changed"  # the variant was seen to be active
+    FAILED = "failed"
+    CANCELLED = "cancelled"  # by a person or the global stop, or it was not due any more
+
+
+class ChangeTrigger(StrEnum):
+    """What happens to a change of configuration."""
+
+    PERMITTED = "yes, by a person"
+    SEEN = "the variant is seen to be active"
+    WENT_WRONG = "an act failed, or its effect is missing; the service ended in the middle of it"
+    OVERTAKEN = "it is not due any more, cancelled, or the global stop"
+
+
+CHANGE: dict[tuple[ChangeState, ChangeTrigger], ChangeState] = {
+    (ChangeState.AWAITING_APPROVAL, ChangeTrigger.PERMITTED): ChangeState.RUNNING,
+    (ChangeState.AWAITING_APPROVAL, ChangeTrigger.OVERTAKEN): ChangeState.CANCELLED,
+    (ChangeState.AWAITING_APPROVAL, ChangeTrigger.WENT_WRONG): ChangeState.FAILED,
+    (ChangeState.RUNNING, ChangeTrigger.SEEN): ChangeState.CHANGED,
+    (ChangeState.RUNNING, ChangeTrigger.WENT_WRONG): ChangeState.FAILED,
+    (ChangeState.RUNNING, ChangeTrigger.OVERTAKEN): ChangeState.CANCELLED,
+}
+
+
 class StepState(StrEnum):
     """How far a step came."""
 

@@ -8,7 +8,7 @@ Each is another type because it means something else; nothing is copied from one
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import structlog
@@ -18,7 +18,7 @@ from robomend.errors import InputError, ObservationError, TooLarge
 from robomend.model.budget import check_steps
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
-from robomend.model.vocabulary import Vocabulary
+from robomend.model.vocabulary import ACTIVE, HAS_VARIANT, Vocabulary
 from robomend.observations.language import Unknown, parse
 from robomend.observations.obs import Obs
 from robomend.robots.clock import AHEAD_NS, CLOCK
@@ -28,7 +28,7 @@ from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
 from robomend.yielding import Turns
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 from robomend_client.readings import Reading
 
 log = structlog.get_logger("robomend.robots.batches")
@@ -177,6 +177,7 @@ async def read_batches(
                 _refuse(batch, refused, error)
             await turns.rest()
         said: dict[Atom, bool] = {}  # in this batch, which is of one moment
+        first = len(entries)
         for position, sentence in enumerate(batch.observations):
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
@@ -196,6 +197,8 @@ async def read_batches(
                 _refuse(batch, refused, error)
             if turns.over:
                 await turns.end()
+        if ACTIVE in vocabulary.predicates:
+            entries += _not_active(entries[first:], vocabulary)
         for name, sentence in batch.assertions.items():
             record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
             try:
@@ -206,6 +209,22 @@ async def read_batches(
             await turns.rest()
     dated = None not in [batch.time_ns for batch in batches]
     return Update(entries, asserted, retracted=tuple(retracted), refused=refused, dated=dated)
+
+
+def _not_active(said: Sequence[Entry], vocabulary: Vocabulary) -> list[Entry]:
+    """Return what a batch denies by what it says to be active: the function's other variants, as far as it
+    says nothing of them itself.
+    """
+    spoken = {entry.atom for entry in said}
+    denied: list[Entry] = []
+    for entry in said:
+        if entry.atom.predicate == ACTIVE and entry.positive:
+            for function, variant in sorted(vocabulary.relations[HAS_VARIANT]):
+                atom = Atom(ACTIVE, (function, variant))
+                if function == entry.atom.args[0] and atom not in spoken:
+                    spoken.add(atom)
+                    denied.append(replace(entry, literal=Literal(atom, False), reading=None))
+    return denied
 
 
 def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationError) -> None:

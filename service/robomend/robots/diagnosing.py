@@ -191,7 +191,7 @@ class Diagnosing:
 
     async def _diagnosed(self, robot: Robot) -> Current:
         revision, model_version = robot.revision, robot.model.version
-        stopped = robot.config.expected_stopped
+        stopped = robot.expected_stopped
         answer = await self._diagnoser.diagnose(*robot.question(), *how(robot.config, self._settings))
         return Current.of(revision, model_version, answer, stopped)
 
@@ -200,7 +200,7 @@ class Diagnosing:
         answer = self._diagnoser.at_once(*robot.question(), *how(robot.config, self._settings))
         if answer is None:
             return None
-        return Current.of(revision, robot.model.version, answer, robot.config.expected_stopped)
+        return Current.of(revision, robot.model.version, answer, robot.expected_stopped)
 
     async def of(self, robot: Robot, literals: Iterable[Literal]) -> DiagnosisResult:
         """Return the diagnosis of these literals instead of all that is known; a fault is raised."""

@@ -1,6 +1,7 @@
 """How a robot is: silence is not health.
 
 unhealthy        the diagnosis blames somebody
+degraded         it does, and each function works by a variant that does without what is blamed
 unknown          nobody observes it: nothing of its `observed` list, or nothing at all, is fresh
 partly-unknown   nothing is known to be wrong, and something is not known, or not judged yet
 healthy          all that should be observed is, and the diagnosis of that blames nobody
@@ -16,6 +17,8 @@ from enum import StrEnum
 from functools import partial
 
 from robomend.metrics import Metrics
+from robomend.model.components import Criticality
+from robomend.model.functions import rests_on
 from robomend.robots.background import Background
 from robomend.robots.robot import Robot
 from robomend.store import Store, Transaction
@@ -29,13 +32,20 @@ class HealthState(StrEnum):
 
     HEALTHY = "healthy"
     UNHEALTHY = "unhealthy"
+    DEGRADED = "degraded"
     PARTLY_UNKNOWN = "partly-unknown"
     UNKNOWN = "unknown"
 
     @property
     def healthy(self) -> bool | None:
         """True and False where that is known; of a robot that is unknown, in part or wholly, nobody knows."""
-        return {HealthState.HEALTHY: True, HealthState.UNHEALTHY: False}.get(self)
+        known = {HealthState.HEALTHY: True, HealthState.UNHEALTHY: False, HealthState.DEGRADED: False}
+        return known.get(self)
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the diagnosis blames somebody."""
+        return self in {HealthState.UNHEALTHY, HealthState.DEGRADED}
 
 
 UNCLEAR = frozenset({HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN})
@@ -50,11 +60,40 @@ def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
     if robot.current is None:
         return HealthState.UNKNOWN, unknown
     if not robot.current.healthy:
-        return HealthState.UNHEALTHY, unknown
+        return (HealthState.DEGRADED if does_without(robot) else HealthState.UNHEALTHY), unknown
     if len(silent) == len(observed) and (observed or not robot.literals()):
         return HealthState.UNKNOWN, unknown
     doubtful = unknown or robot.not_judged()
     return (HealthState.PARTLY_UNKNOWN if doubtful else HealthState.HEALTHY), doubtful
+
+
+def does_without(robot: Robot) -> bool:
+    """Return whether a robot does without all that its diagnoses blame: each function works by a variant that
+    is admissible, and what is blamed is needed by others only, or is optional.
+    """
+    parts, diagnoses = robot.system.parts, robot.known().diagnoses
+    blamed = frozenset().union(*diagnoses)
+    if parts is None or not blamed:
+        return False
+    states = robot.function_states()
+    needed = {
+        name
+        for state in states.values()
+        for variant in state.function.variants.values()
+        for name in variant.needs
+        if name in parts.parts
+    }
+    spared = rests_on(needed, parts) if needed else frozenset[str]()
+    optional = {n for n, part in parts.parts.items() if part.criticality is Criticality.OPTIONAL}
+    if not blamed <= spared | optional or any(not state.works for state in states.values()):
+        return False
+    active = {
+        name
+        for state in states.values()
+        for name in state.function.variants[state.active or ""].needs
+        if name in parts.parts
+    }
+    return not active or blamed.isdisjoint(rests_on(active, parts))
 
 
 class HealthWatch:

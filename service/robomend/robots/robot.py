@@ -14,14 +14,19 @@ import asyncio
 import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from itertools import chain
 from typing import NamedTuple
 
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
+from robomend.model.components import Function
+from robomend.model.functions import taken_away
 from robomend.model.system import System, variant
+from robomend.model.vocabulary import ACTIVE, TRENDS
 from robomend.observations.obs import Belief, Obs, Retracted, consequences
+from robomend.planning.configurations import Decision, FunctionState, Keeper, Known
 from robomend.robots.batches import Update, Words
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
@@ -251,7 +256,9 @@ class Robot:
         "_words",
         "_worsened",
         "assertion_records",
+        "changing",
         "config",
+        "configuration",
         "current",
         "diagnosed",
         "id",
@@ -276,6 +283,8 @@ class Robot:
         self._circles = Circles()
         self.sight = Sight(self)
         self.assertion_records: dict[str, records.StoredAssertion] = {}
+        self.configuration: Decision | None = None  # the latest, where this instance owns the robot
+        self.changing: frozenset[str] = frozenset()  # what the acts of a change take away that is under way
         self.observed = Turnstile()  # committed revisions
         self.diagnosed = Turnstile()  # publications and confirmations, counted
         self.current: Current | None = None
@@ -357,7 +366,8 @@ class Robot:
         judged = current is not None and current.model_version == self.model.version
         if current is not None and judged and current.revision >= self._worsened:
             return ()
-        return tuple(sorted(literal.atom for literal in self.literals() if not literal.positive))
+        fallen = (literal.atom for literal in self.literals() if not literal.positive)
+        return tuple(sorted(atom for atom in fallen if atom.predicate != ACTIVE))
 
     @property
     def words(self) -> Words:
@@ -375,7 +385,7 @@ class Robot:
         """
         literals = self.obs.known_literals(CLOCK.now_ns()) if literals is None else frozenset(literals)
         assertions = tuple(self.obs.assertions.values())
-        stopped = self.config.expected_stopped
+        stopped = self.expected_stopped
         if self.system.loops:
             assertions += self._circles.up(self.system, self.obs, stopped)
         if not assertions and not stopped:
@@ -386,6 +396,72 @@ class Robot:
             self._own = (wanted, version, extended(self.system, version, assertions, stopped))
         _, version, system = self._own
         return version, system, literals
+
+    # --- configurations
+
+    @property
+    def functions(self) -> Mapping[str, Function]:
+        """What the robot does in one of several variants."""
+        return {} if self.system.parts is None else self.system.parts.functions
+
+    @property
+    def expected_stopped(self) -> tuple[str, ...]:
+        """The components that are meant to be stopped or off: as configured, less what the active variants
+        need, and what their acts take away.
+        """
+        listed = self.config.expected_stopped
+        if not self.functions:
+            return listed
+        now_ns, needed, away = CLOCK.now_ns(), set[str](), set(self.changing)
+        for function in self.functions.values():
+            for name, one in function.variants.items():
+                if self.obs.known(Atom(ACTIVE, (function.name, name)), now_ns):
+                    needed.update(one.needs)
+                    away |= taken_away(one)
+        kept = [name for name in listed if name not in needed]
+        return (*kept, *sorted(away.difference(kept)))
+
+    def decided(self, decision: Decision | None) -> None:
+        """Its owner has decided which variants its functions are to work by."""
+        self.configuration = decision
+
+    def is_changed(self, components: Collection[str]) -> None:
+        """The acts of a change touch these components from now on; none: they are over."""
+        self.changing = frozenset(components)
+
+    def known(self, left_off: Collection[str] = ()) -> Known:
+        """Return what its configuration rests on now."""
+        now_ns, obs = CLOCK.now_ns(), self.obs
+
+        def measured(atom: Atom) -> float | None:
+            names = TRENDS if atom.predicate in TRENDS else (atom.predicate,)
+            held = (obs.get(Atom(name, atom.args)) for name in names)
+            fresh = [one for one in held if one is not None and one.fresh(now_ns) and one.reading is not None]
+            newest = max(fresh, key=lambda one: one.time_ns, default=None)
+            return None if newest is None or newest.reading is None else newest.reading.number
+
+        current = self.current
+        judged = current is not None and current.model_version == self.model.version
+        diagnoses = (current.bad_sets or ()) if current is not None and judged else ()
+        return Known(lambda atom: obs.known(atom, now_ns), measured, [*map(frozenset, diagnoses)], left_off)
+
+    def function_states(self) -> Mapping[str, FunctionState]:
+        """Return how its functions stand now."""
+        parts = self.system.parts
+        if parts is None or not parts.functions:
+            return {}
+        found = Keeper().decide(parts, self.system.conditions, self.known(), CLOCK.now_ns())
+        decided = {} if self.configuration is None else self.configuration.states
+        states = {}
+        for name, state in found.states.items():
+            last = decided.get(name)
+            if last is None or last.active != state.active or last.function is not state.function:
+                states[name] = replace(state, target=state.active)
+                continue
+            aside = {variant: standing for variant, standing in last.standings.items() if standing.aside}
+            standings = {**state.standings, **aside}
+            states[name] = replace(state, target=last.target, held=last.held, standings=standings)
+        return states
 
     # --- OBS ⊕ o
 
@@ -418,7 +494,7 @@ class Robot:
             self.sight.taken_back(left.gone)
         if self.system.loops:
             self._circles.hear(update.entries)
-        if any(not entry.positive for entry in changed):
+        if any(not entry.positive and entry.atom.predicate != ACTIVE for entry in changed):
             self._worsened = self._head + 1
         known = [entry for entry in changed if not entry.contradicted]
         self.sight.heard(update.entries, known)

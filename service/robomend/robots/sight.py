@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.components import Hardware
-from robomend.model.vocabulary import Vocabulary
+from robomend.model.vocabulary import ACTIVE, Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
 from robomend.observations.pending import Heard, first_fallen, newest_onset
@@ -50,6 +50,11 @@ LATE_NS = 30 * 10**9
 
 LATER_NS = 2 * GUARD_NS
 """Evidence so much later than the first one is not in doubt for the sake of clocks."""
+
+
+def _symptom(entry: Entry) -> bool:
+    """Whether something does not hold that should; which variant of a function is active is no symptom."""
+    return not entry.positive and entry.atom.predicate != ACTIVE
 
 
 class Sight:
@@ -139,8 +144,8 @@ class Sight:
         or since their observers could have noticed: until when they may still be about to be.
         """
         robot = self._robot
-        entries, expected = self.entries(), set(robot.config.expected_stopped)
-        symptoms = [e for e in entries if not e.positive and not expected.intersection(e.atom.args)]
+        entries, expected = self.entries(), set(robot.expected_stopped)
+        symptoms = [e for e in entries if _symptom(e) and not expected.intersection(e.atom.args)]
         parts = robot.system.parts
         onset_ns = newest_onset(symptoms if parts is None else first_fallen(symptoms, partial(needed, parts)))
         if onset_ns is None:
@@ -179,7 +184,7 @@ class Sight:
 
     def symptoms(self) -> frozenset[Atom]:
         """Return what was last said not to hold, be it known now or lapsed."""
-        return frozenset(entry.atom for entry in self._robot.obs.entries() if not entry.positive)
+        return frozenset(entry.atom for entry in self._robot.obs.entries() if _symptom(entry))
 
     def may_be_late_s(self, unknown: Iterable[Atom]) -> float:
         """Return in how many seconds each of these that lapsed was silent for one more of its lifetimes.

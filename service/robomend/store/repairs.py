@@ -1,5 +1,8 @@
 """Repairs: how far each one and its steps have come, and what is asked of them.
 
+Changes of a robot's configuration are kept like repairs, by ids of their own kind; where they are not asked
+for, they are left out.
+
 Everything the repair loop writes carries its fence (see ownership.py); an older one than the latest raises
 Fenced: another instance has taken over; let go at once. The robot's row is locked while the fence is
 compared, so that a take-over comes wholly before or wholly after the write.
@@ -10,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 
 from robomend.errors import StateConflict
 from robomend.store import schema
@@ -30,6 +33,20 @@ from robomend.store.view import AnyRow, View
 
 _REPAIRS, _REQUESTS, _STEPS = schema.repairs, schema.repair_requests, schema.repair_steps
 
+CHANGE = "c-"
+"""How the id of a change of configuration begins; that of a repair begins with `r-`."""
+
+
+def is_change(id_: str) -> bool:
+    """Return whether this is the id of a change of configuration."""
+    return id_.startswith(CHANGE)
+
+
+def _changes(wanted: bool) -> ColumnElement[bool]:
+    begin = func.substr(_REPAIRS.c.id, 1, len(CHANGE))
+    return begin == CHANGE if wanted else begin != CHANGE
+
+
 AT_ONCE = 500
 """Robots in one query; databases take some thousand parameters."""
 
@@ -46,9 +63,10 @@ def page(
     *,
     open_only: bool = False,
     state: str | None = None,
+    changes: bool = False,
 ) -> Page[StoredRepair]:
-    """Return repairs, newest first. The cursor may be a repair's id: those older than it."""
-    where = [] if robot is None else [_REPAIRS.c.robot == checked(robot)]
+    """Return repairs, or changes of configurations, newest first. The cursor may be an id: those older."""
+    where = [_changes(changes)] if robot is None else [_changes(changes), _REPAIRS.c.robot == checked(robot)]
     if open_only:
         where.append(_REPAIRS.c.open)
     if state is not None:
@@ -64,7 +82,9 @@ def newest(view: View, robots: Sequence[str]) -> dict[str, StoredRepair]:
     for first in range(0, len(robots), AT_ONCE):
         some = [checked(robot) for robot in robots[first : first + AT_ONCE]]
         last = (
-            select(func.max(_REPAIRS.c.number)).where(_REPAIRS.c.robot.in_(some)).group_by(_REPAIRS.c.robot)
+            select(func.max(_REPAIRS.c.number))
+            .where(_REPAIRS.c.robot.in_(some), _changes(False))
+            .group_by(_REPAIRS.c.robot)
         )
         for row in view.rows(select(_REPAIRS).where(_REPAIRS.c.number.in_(last))):
             found[row.robot] = _repair(row)
@@ -73,7 +93,8 @@ def newest(view: View, robots: Sequence[str]) -> dict[str, StoredRepair]:
 
 def open_robots(view: View) -> tuple[str, ...]:
     """Return the robots that have an open repair."""
-    return tuple(row.robot for row in view.rows(select(_REPAIRS.c.robot).where(_REPAIRS.c.open)))
+    query = select(_REPAIRS.c.robot).where(_REPAIRS.c.open, _changes(False))
+    return tuple(row.robot for row in view.rows(query))
 
 
 def requests(view: View, robot: str) -> tuple[RepairRequest, ...]:
@@ -98,13 +119,20 @@ def robot_of(view: View, repair: str) -> str:
 
 
 def create(
-    tx: Transaction, robot: str, *, state: str, data: Json, open: bool = True, fence: Fence | None = None
+    tx: Transaction,
+    robot: str,
+    *,
+    state: str,
+    data: Json,
+    open: bool = True,
+    fence: Fence | None = None,
+    change: bool = False,
 ) -> StoredRepair:
-    """Begin a repair. Without a fence it only waits: its owner takes it up."""
+    """Begin a repair, or a change of configuration. Without a fence it only waits: its owner takes it up."""
     tx.existing(robot)
     if fence is not None:
         tx.check_fence(robot, fence)
-    id_, now = new_id("r-"), tx.now_ns
+    id_, now = new_id(CHANGE if change else "r-"), tx.now_ns
     number = tx.insert(
         _REPAIRS,
         {

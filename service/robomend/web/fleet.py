@@ -33,14 +33,15 @@ SETTLES_S = 2.0
 LOOK_S = 0.4
 """For robots that are not in memory: the rest is read with the next looks."""
 
-TOLD = frozenset({Kind.DIAGNOSIS, Kind.REPAIR, Kind.ROBOT, Kind.BOARD})
+TOLD = frozenset({Kind.DIAGNOSIS, Kind.REPAIR, Kind.CONFIGURATION, Kind.ROBOT, Kind.BOARD})
 """Kinds of events that may change a line."""
 
 WORST_FIRST = {
     HealthState.UNHEALTHY: 0,
     HealthState.UNKNOWN: 1,
-    HealthState.PARTLY_UNKNOWN: 2,
-    HealthState.HEALTHY: 3,
+    HealthState.DEGRADED: 2,
+    HealthState.PARTLY_UNKNOWN: 3,
+    HealthState.HEALTHY: 4,
 }
 
 WAITING = "waiting"

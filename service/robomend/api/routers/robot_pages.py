@@ -101,7 +101,7 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
     # Of a robot of which nothing is known, nothing is good either.
     said = None if health is HealthState.UNKNOWN else result
     found = suspicions(state.system.cnf.components, said)
-    if health is not HealthState.UNHEALTHY:
+    if not health.faulty:
         found |= dict.fromkeys(_unseen(state, unknown), Suspicion("unknown"))
     return {
         "health": str(health),
@@ -115,6 +115,7 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
         "whys": whys(found, result),
         "priors": with_priors(result),
         "most_diagnoses": DIAGNOSES,
+        "functions": state.function_states(),
     }
 
 

@@ -20,7 +20,7 @@ router = APIRouter(prefix=API, tags=["robots"], route_class=GuardedRoute)
 async def get_status(
     request: Request,
     q: Annotated[str, Query(max_length=200, description="words that are all in a line")] = "",
-    state: Literal["", "healthy", "unhealthy", "partly-unknown", "unknown", "waiting"] = "",
+    state: Literal["", "healthy", "unhealthy", "degraded", "partly-unknown", "unknown", "waiting"] = "",
     page: Annotated[int, Query(ge=1, le=1_000_000)] = 1,
     rows: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> StatusOut:

@@ -17,7 +17,7 @@ class RecipientOut(Out):
     to: str = Field(
         description="mail addresses, or the host of a webhook", examples=["https://hooks.example/…"]
     )
-    about: list[str] = Field(examples=[["approval", "escalated", "stop", "unknown"]])
+    about: list[str] = Field(examples=[["approval", "change", "escalated", "stop", "unknown"]])
     robots: list[str] = Field(description="patterns of ids", examples=[["tedusar-*"]])
 
 
@@ -35,7 +35,7 @@ class NotificationOut(Out):
 
     id: str = Field(examples=["n-17"])
     recipient: str = Field(examples=["duty"])
-    about: Literal["approval", "escalated", "unknown", "stop", "test"]
+    about: Literal["approval", "escalated", "change", "unknown", "stop", "test"]
     robot: str | None = Field(examples=["tedusar-1"])
     repair: str | None = Field(examples=["r-7k2m9x4q"])
     title: str = Field(examples=["tedusar-1: a plan waits for a yes"])

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from robomend.api.schemas.base import Moment, Nanoseconds, Out, moment_of
 from robomend.api.schemas.observations import ReadingOut
-from robomend.repairs.states import RepairState, StepState
+from robomend.repairs.states import ChangeState, RepairState, StepState
 
 
 class BadAndGood(Out):
@@ -148,6 +148,9 @@ class RepairOut(Out):
     probe: WantedProbe | None
     reason: str
     drill: str | None = Field(description="the drill that it answers", examples=["d-7k2m9x4q"])
+    optional: bool = Field(
+        default=False, description="whether all that was blamed when it ended is optional: nobody is notified"
+    )
     again: TakenUp | None = Field(default=None, description="the repair that it takes up by itself")
     retry_ns: Nanoseconds | None = Field(
         default=None, description="when the same is tried again by itself, unless it is well by then"
@@ -163,3 +166,67 @@ class RepairOut(Out):
     account: list[str] | None = Field(
         default=None, description="the repair in words, of GET /repairs/{repair} alone"
     )
+
+
+class VariantOut(Out):
+    """A variant of a function."""
+
+    variant: str = Field(examples=["high"])
+    admissible: bool | None = Field(description="null: what its condition speaks of is not known")
+    why: str = Field(
+        description="why it is not admissible, or not changed to",
+        examples=["visibility fell to 2.9, at least 3.25"],
+    )
+
+
+class FunctionOut(Out):
+    """What the robot does in one of several variants, and how that stands now."""
+
+    function: str = Field(examples=["altitude"])
+    active: str | None = Field(description="null: nobody reports it, or several are reported")
+    goal: str | None = Field(description="the best variant that is admissible; null: none is")
+    works: bool = Field(description="whether the active variant is known to be admissible")
+    criticality: Literal["essential", "normal", "optional"]
+    held: str = Field(description="why a better variant is not changed to now, or what is not known")
+    variants: list[VariantOut] = Field(description="the preferred first")
+
+
+class FunctionsOut(Out):
+    """The robot's functions; of a model without functions there are none."""
+
+    functions: list[FunctionOut]
+
+
+class FunctionChange(Out):
+    """One function's change."""
+
+    function: str = Field(examples=["altitude"])
+    from_: str = Field(alias="from", examples=["high"])
+    to: str = Field(examples=["medium"])
+    reason: str = Field(examples=["visibility fell to 2.9, at least 3.25"])
+    better: bool = Field(description="whether the new variant is preferred to the old one")
+    back_ns: Nanoseconds | None = Field(description="when a change back was made")
+    back: Moment | None
+    text: str
+
+
+class ChangeOut(Out):
+    """A change of configuration: of one function, or of several that depend on each other."""
+
+    id: str = Field(examples=["c-7k2m9x4q"])
+    robot: str
+    state: ChangeState
+    changes: list[FunctionChange]
+    plan: list[RepairStep]
+    cost: float | None
+    reason: str
+    by: str | None
+    notify: bool = Field(description="whether people are told of it")
+    changed_ns: Nanoseconds | None = Field(description="when the new variant was seen to be active")
+    changed: Moment | None
+    created_ns: Nanoseconds
+    created: Moment
+    updated_ns: Nanoseconds
+    updated: Moment
+    finished_ns: Nanoseconds | None
+    finished: Moment | None

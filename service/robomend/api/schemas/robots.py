@@ -260,7 +260,7 @@ class RobotOut(Out):
         default=None,
         description="`state` for programs; null: unknown, or in part unknown",
     )
-    state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] = Field(
+    state: Literal["healthy", "unhealthy", "degraded", "partly-unknown", "unknown"] = Field(
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
     headline: str = Field(

@@ -15,7 +15,7 @@ class StatusLineOut(Out):
     robot: str
     model: str
     policy: str
-    state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] | None = Field(
+    state: Literal["healthy", "unhealthy", "degraded", "partly-unknown", "unknown"] | None = Field(
         description="null: not read yet, ask again"
     )
     headline: str = Field(

@@ -135,7 +135,7 @@ Repair = Annotated[str, Field(description="a repair's id, as `repairs` lists it"
 async def robots(
     ctx: Asking,
     search: Annotated[str, Field(description="only robots with these words in their line")] = "",
-    state: Literal["", "healthy", "unhealthy", "partly-unknown", "unknown", "waiting"] = "",
+    state: Literal["", "healthy", "unhealthy", "degraded", "partly-unknown", "unknown", "waiting"] = "",
     page: Annotated[int, Field(ge=1)] = 1,
 ) -> dict[str, Any]:
     """How every robot is, what is wrong with it and what it waits for, the most urgent first."""

@@ -25,7 +25,7 @@ SHOWN = 5
 MEASURED = 10
 """Readings of what does not hold; of more the number is told."""
 
-STATES = ("healthy", "unhealthy", "partly-unknown", "unknown", "waiting")
+STATES = ("healthy", "unhealthy", "degraded", "partly-unknown", "unknown", "waiting")
 
 
 @click.command("status")
@@ -114,6 +114,7 @@ def _one(client: Client, robot: str) -> dict[str, Any]:
         "diagnosis": diagnosis,
         "measured": [one for one in seen if one["fresh"] and one.get("reading") and _negative(one)],
         "repair": repairs[0] if repairs else None,
+        "functions": client.functions(robot),
         "stop": client.stopped(),
     }
 
@@ -148,6 +149,9 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
             yield f"  {', '.join(one['bad'])}{weight}"
         if len(found) > SHOWN:
             yield f"  and {len(found) - SHOWN} more"
+    for one in known["functions"]:
+        held = f"; {one['held']}" if one["held"] else ""
+        yield f"{one['function']}: {one['active'] or 'not known'} (best now: {one['goal'] or 'none'}){held}"
     if repair is not None:
         ended = f", ended {at(repair['finished_ns'])}" if repair["finished_ns"] else ""
         reason = f": {repair['reason']}" if repair["reason"] else ""

@@ -12,7 +12,7 @@ from robomend.cli.remote.connection import asking, format_option, service_option
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, diagnoses, printable, some
 from robomend.planning.plan import action_title
-from robomend.repairs.states import STEP_ENDS, RepairState, StepState
+from robomend.repairs.states import STEP_ENDS, ChangeState, RepairState, StepState
 
 if TYPE_CHECKING:
     from robomend_client.events import Event
@@ -146,6 +146,13 @@ def _repair(data: Mapping[str, Any]) -> str:
     return words + (f": {data['reason']}" if data.get("reason") else "")
 
 
+def _configuration(data: Mapping[str, Any]) -> str:
+    said = ", ".join(str(one["text"]) for one in data.get("changes", ()))
+    words = f"change {data.get('id')}: {data.get('state')}: {said}"
+    failed = data.get("state") == ChangeState.FAILED and data.get("reason")
+    return words + (f": {data['reason']}" if failed else "")
+
+
 def _action(data: Mapping[str, Any]) -> str | None:
     if "repair" not in data:
         return None  # the queue of the agents; the step of the repair says the same
@@ -197,6 +204,7 @@ WORDS = {
     "observations": _observations,
     "diagnosis": _diagnosis,
     "repair": _repair,
+    "configuration": _configuration,
     "action": _action,
     "board": _board,
     "robot": _robot,

@@ -1,0 +1,668 @@
+"""The configuration of one robot: decides which variants its functions are to work by, and changes to them.
+
+    a diagnosis, a reading, the clock ──► decide ──► due? ──► plan ──► the policy ──► act ──► active is seen
+                                            ▲                            │ approve          │ not
+                                            └── a person's yes ◄─────────┘                  └──► the next one
+
+A change is no repair: nothing is blamed, counted or put into quarantine. Its acts go the way of a repair's:
+policy, protection, interlock, the stop, the journal (robomend.repairs.execution). It has a record of its own.
+No repair acts meanwhile, and none is changed under a repair that acts; where a fault makes a change due, the
+cheaper way to be useful again comes first.
+
+What a crash leaves is closed: which variant is active is observed, and what is due is decided anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import structlog
+
+from robomend.errors import NotFound, RobomendError, StoreError
+from robomend.planning.configurations import (
+    Change,
+    Decision,
+    FunctionState,
+    Keeper,
+    Made,
+    change_plan,
+)
+from robomend.planning.plan import Outcome, Plan, Step
+from robomend.planning.planning import PlanOptions
+from robomend.planning.policy import HOUR_NS, Mode, Policy
+from robomend.planning.prediction import Prediction, theory_of
+from robomend.planning.static_facts import OutOfWork, Work
+from robomend.poller import wait_for
+from robomend.repairs.acts import Acts
+from robomend.repairs.dependencies import Dependencies
+from robomend.repairs.execution import execute
+from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, timings
+from robomend.repairs.offers import offers_if_all
+from robomend.repairs.record import LOOP, ActionRecord
+from robomend.repairs.repair_json import change_json, step_json
+from robomend.repairs.signals import Requests, Signals
+from robomend.repairs.states import CHANGE, ChangeState, ChangeTrigger
+from robomend.robots.clock import CLOCK
+from robomend.robots.configuration import protected_of
+from robomend.robots.robot import Robot
+from robomend.store import Transaction, View, drills, global_stop, journal, repairs
+from robomend.store.records import AuditEntry, Fence, Paging, StoredRepair
+from robomend.transitions import after
+from robomend_client.actions import TIMED_OUT
+from robomend_client.events import Kind
+from robomend_client.literals import Atom
+
+log = structlog.get_logger("robomend.repairs.changes")
+
+IDLE_S = 3600.0
+RETRY_S = 1.0
+"""After a failure of the store or of a worker."""
+
+SOON_S = 0.1
+"""How often it is looked whether a repair still acts."""
+
+OWN_S = 30.0
+"""What an act may take of which nobody says anything."""
+
+AT_ONCE = 1_000_000
+"""Steps of work of a plan, about a second of the processor: what takes more than that is given up."""
+
+FINISHED_S = 60.0
+"""How long a repair waits for a change that is under way, at most."""
+
+DEFER_S = 10.0
+"""So much longer than twice its cost a repair is waited for that is cheaper than the change."""
+
+RECALLED = 200
+"""Changes that are looked at after a restart."""
+
+
+class ChangeRecord(ActionRecord):
+    """The record of one change, of one function or of several that depend on each other."""
+
+    @property
+    def state(self) -> ChangeState:
+        """What the change is in."""
+        return ChangeState(self._repair.state)
+
+    async def note(
+        self,
+        what: ChangeTrigger,
+        reason: str,
+        *,
+        by: str = LOOP,
+        answers: Sequence[int] = (),
+        also: Callable[[Transaction], None] | None = None,
+        **changes: Any,
+    ) -> None:
+        """Note what happened and the state after it, with the event and the audit entry that tell of it."""
+        state = after(CHANGE, self.state, what)
+        data = {**self._data, **changes, "reason": reason}
+
+        def write(tx: Transaction) -> StoredRepair:
+            open_ = state in {ChangeState.AWAITING_APPROVAL, ChangeState.RUNNING}
+            updated = repairs.update(tx, self.id, state=state, data=data, open=open_, fence=self.fence)
+            _tell(tx, updated, by, reason)
+            for request in answers:
+                repairs.answer(tx, request, fence=self.fence)
+            if also is not None:
+                also(tx)
+            return updated
+
+        self._data = data
+        self._repair = await self._store.write(write, robots=(self.robot,))
+
+
+def _tell(tx: Transaction, stored: StoredRepair, by: str, reason: str) -> None:
+    shown = change_json(stored)
+    tx.emit(Kind.CONFIGURATION, stored.robot, shown)
+    tx.note(
+        AuditEntry(
+            actor=by,
+            action=f"change.{stored.state}",
+            subject=stored.id,
+            robot=stored.robot,
+            reason=reason,
+            after={"changes": shown["changes"]},
+        )
+    )
+
+
+@dataclass
+class Waiting:
+    """A change that waits for a person's yes."""
+
+    record: ChangeRecord
+    changes: tuple[Change, ...]
+    plan: Plan
+    signals: Signals
+    listener: asyncio.Task[None] | None = None
+
+    def asks_for(self, due: Collection[Change]) -> bool:
+        """Return whether it is still due."""
+        wanted = {(change.function, change.target) for change in due}
+        return all((change.function, change.target) in wanted for change in self.changes)
+
+
+@dataclass
+class Deferred:
+    """A fault of which a repair is cheaper than the change that it makes due."""
+
+    until_s: float = 0.0  # monotonic; 0: none is deferred
+    tried: bool = False  # a repair has ended since
+
+
+@dataclass
+class Changes:
+    """See the module; one task, everything else only wakes it."""
+
+    needs: Dependencies
+    robot: str
+    fence: Fence
+    repair_acts: Callable[[], bool]  # whether a repair's plan is under way
+    left_off: Callable[[], Collection[str]]  # what a repair has switched off and not brought back
+    acting: bool = False
+    _news: asyncio.Event = field(default_factory=asyncio.Event)
+    _idle: asyncio.Event = field(default_factory=asyncio.Event)
+    _keeper: Keeper = field(default_factory=Keeper)
+    _recalled: bool = False
+    _looked: int = -1  # the count of diagnoses up to which it has decided
+    _waiting: Waiting | None = None
+    _signals: Signals | None = None  # of the change under way
+    _deferred: Deferred = field(default_factory=Deferred)
+    _worse: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    """Function -> its changes for the worse that are not undone, and what they changed from."""
+
+    def __post_init__(self) -> None:
+        self._requests = Requests(self.needs.store, self.fence)
+
+    # --- what wakes it
+
+    def wake(self) -> None:
+        """There is a new diagnosis, or a reading."""
+        self._news.set()
+
+    def asked(self) -> None:
+        """Somebody said yes or no to a change."""
+        self._requests.arrived.set()
+        self._news.set()
+
+    def reconsider(self) -> None:
+        """The robot's configuration changed: what failed may work now."""
+        self._keeper.reconsider()
+        self._news.set()
+
+    def repair_ended(self) -> None:
+        """A repair has ended, whatever came of it."""
+        self._deferred.tried = True
+        self._news.set()
+
+    def stopped(self) -> None:
+        """The global stop changed."""
+        stop = self.needs.switch.stop
+        if stop.active:
+            for signals in (self._signals, None if self._waiting is None else self._waiting.signals):
+                if signals is not None:
+                    signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
+        self._news.set()
+
+    async def finished(self) -> None:
+        """Return when the present diagnosis was looked at here, and no change is under way."""
+        state = self.needs.robots.memory.states.get(self.robot)
+        if state is None or not state.functions:
+            return
+        wanted, deadline = state.diagnosed.value, time.monotonic() + FINISHED_S
+        while (self.acting or self._looked < wanted) and time.monotonic() < deadline:
+            self._idle.clear()
+            await wait_for(self._idle, SOON_S)
+
+    async def run(self) -> None:
+        """Keep the robot's configuration until it is lost, deleted, or the service ends."""
+        try:
+            while True:
+                self._news.clear()
+                try:
+                    wait_s = await self._turn()
+                except NotFound:
+                    return
+                except RobomendError as error:
+                    if error.code == "fenced":
+                        return
+                    log.warning("configuration", robot=self.robot, code=error.code, detail=str(error))
+                    wait_s = RETRY_S
+                except Exception:  # a fault of ours must not leave the robot as it is for ever
+                    log.exception("configuration", robot=self.robot)
+                    wait_s = RETRY_S
+                self._idle.set()
+                await wait_for(self._news, wait_s)
+        finally:
+            if self._waiting is not None and self._waiting.listener is not None:
+                self._waiting.listener.cancel()
+
+    # --- deciding
+
+    async def _turn(self) -> float:
+        """Decide, and do what is due; return in how many seconds to look again."""
+        state = await self.needs.robots.memory.robot(self.robot)
+        seen = state.diagnosed.value
+        parts = state.system.parts
+        if parts is None or not parts.functions:
+            state.decided(None)
+            if self._waiting is not None:
+                await self._withdraw("the model has no such function any more")
+            return IDLE_S
+        if not self._recalled:
+            await self._recall()
+            self._recalled = True
+        now_ns = CLOCK.now_ns()
+        known = state.known(self.left_off())
+        decision = self._keeper.decide(parts, state.system.conditions, known, now_ns)
+        if state.current is None:  # nobody knows yet what is good
+            decision = decision._replace(changes=())
+        if not any(change.fault for change in decision.changes):
+            self._deferred = Deferred()
+        due, decision = self._permitted(state, decision)
+        state.decided(decision)
+        wait_s = IDLE_S if decision.again_ns is None else max(0.01, (decision.again_ns - now_ns) / 1e9)
+        if self._waiting is not None:
+            due = await self._answered(state, due)
+        if due and self.repair_acts():
+            self._looked = seen
+            return SOON_S
+        if due:
+            wait_s = min(wait_s, await self._do(state, decision, due))
+        self._looked = seen
+        return wait_s
+
+    def _permitted(self, state: Robot, decision: Decision) -> tuple[tuple[Change, ...], Decision]:
+        """Return the changes that may be made, by the policy and the function's own word; what may not is
+        said with the function's state.
+        """
+        policy = self.needs.chooser.policy(state)
+        stop = self.needs.switch.stop
+        due: list[Change] = []
+        states = dict(decision.states)
+        for change in decision.changes:
+            function = states[change.function].function
+            mode = self._mode(policy, change, states[change.function], ())
+            why = ""
+            if stop.active:
+                why = "the global stop is active"
+            elif mode is Mode.OBSERVE:
+                why = "the robot is only observed" if policy.mode is Mode.OBSERVE else "it is only observed"
+            elif function.adapt is None and not policy.may_begin(time.time_ns()):
+                why = "no maintenance window is open"
+            if why:
+                held = f"{change.target} is due, as {change.reason}; {why}"
+                states[change.function] = replace(states[change.function], held=held)
+            else:
+                due.append(change)
+        return tuple(due), decision._replace(states=states)
+
+    @staticmethod
+    def _mode(policy: Policy, change: Change, state: FunctionState, steps: Sequence[Step]) -> Mode:
+        """Return the strictest of what the robot's policy, the function and its acts say."""
+        if policy.mode is Mode.OBSERVE:
+            return Mode.OBSERVE
+        own = policy.mode if state.function.adapt is None else Mode(state.function.adapt)
+        acts = [name for name, _ in state.function.variants[change.target].do]
+        acts += [step.name for step in steps]
+        said = [policy.actions[name] for name in acts if name in policy.actions]
+        return min([own, *said], key=list(Mode).index)
+
+    # --- a person's yes
+
+    async def _answered(self, state: Robot, due: tuple[Change, ...]) -> tuple[Change, ...]:
+        """Look what became of the change that waits for a yes; return what else is due."""
+        waiting = self._waiting
+        assert waiting is not None
+        rest = tuple(
+            change
+            for change in due
+            if (change.function, change.target) not in {(one.function, one.target) for one in waiting.changes}
+        )
+        if waiting.signals.halt.is_set():
+            by, why = waiting.signals.by, waiting.signals.reason
+            if not waiting.signals.stopped:
+                for change in waiting.changes:
+                    told = f"declined by {by}"
+                    self._keeper.failed(change.function, change.target, told, CLOCK.now_ns(), HOUR_NS)
+            await self._withdraw(why, by=by)
+            return ()
+        if not waiting.asks_for(due):
+            await self._withdraw("it is not due any more")
+            return rest
+        if await waiting.signals.decided(0.0) and not self.repair_acts():
+            self._waiting = None
+            by = waiting.signals.by
+            answers = waiting.signals.answers()
+            await waiting.record.note(
+                ChangeTrigger.PERMITTED, f"approved by {by}", by=by, answers=answers, approved=by
+            )
+            await self._act(state, waiting.record, waiting.changes, waiting.plan, waiting.signals)
+            await _end(waiting.listener)
+            return ()
+        return rest
+
+    async def _withdraw(self, why: str, *, by: str = LOOP) -> None:
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            answers = waiting.signals.answers()
+            await waiting.record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=answers)
+            await _end(waiting.listener)
+
+    # --- doing
+
+    async def _do(self, state: Robot, decision: Decision, due: tuple[Change, ...]) -> float:
+        """Plan what is due and do it; return in how many seconds to look again at the latest."""
+        plan, due = await self._planned(state, decision, due)
+        if plan is None:
+            return 0.01 if due else IDLE_S
+        policy = self.needs.chooser.policy(state)
+        refusal = policy.plan_refusal(plan.steps, {}, ())
+        if refusal is not None:
+            await self._not_done(due, refusal)
+            return 0.01
+        wait_s = await self._repair_is_cheaper(state, due, plan)
+        if wait_s > 0:
+            return wait_s
+        modes = [self._mode(policy, one, decision.states[one.function], plan.steps) for one in due]
+        asks = min(modes, key=list(Mode).index) is Mode.APPROVE
+        if asks and self._waiting is not None:
+            return IDLE_S
+        record = await self._create(due, plan, asks=asks)
+        if record is None:
+            return RETRY_S
+        signals = Signals(lambda: self.needs.switch.active)
+        listener = asyncio.create_task(self._listen(record.id, signals))
+        if asks:
+            signals.ask()
+            self._waiting = Waiting(record, due, plan, signals, listener)
+            return IDLE_S
+        try:
+            await self._act(state, record, due, plan, signals)
+        finally:
+            await _end(listener)
+        return 0.01
+
+    async def _listen(self, change: str, signals: Signals) -> None:
+        """Hand a person's word to a change, and wake whoever looks at it."""
+        handing = asyncio.create_task(self._requests.listen(change, signals))
+        try:
+            await signals.decided()
+            self._news.set()
+            await signals.halt.wait()
+            self._news.set()
+        finally:
+            handing.cancel()
+
+    async def _planned(
+        self, state: Robot, decision: Decision, due: tuple[Change, ...]
+    ) -> tuple[Plan | None, tuple[Change, ...]]:
+        """Return a plan, and the changes that it makes: all, or the first that can be made by itself."""
+        parts, config = state.system.parts, state.config
+        assert parts is not None
+        chooser = self.needs.chooser
+        names = await chooser.actions(state)
+        policy = chooser.policy(state)
+        options = PlanOptions(
+            timeout_s=None,
+            domain=config.domain,
+            expected_stopped=state.expected_stopped,
+            protected=protected_of(config, parts),
+            forbidden=tuple((name, why) for name in names if (why := policy.forbids(name)) is not None),
+            offers=await offers_if_all(state, parts, (*names, *parts.acts), self.needs.store),
+        )
+        bad = sorted(frozenset().union(*state.known().diagnoses[:1]))
+        literals = state.sight.literals()
+        reason = ""
+        for some in (due, *((one,) for one in due if len(due) > 1)):
+            try:
+                plan = await asyncio.to_thread(
+                    change_plan, parts, literals, bad, decision.states, some, options, Work(AT_ONCE)
+                )
+            except OutOfWork:
+                reason = "no plan was found in time"
+                continue
+            nobody = None if options.offers is None else _nobody(plan, options.offers.why_nobody)
+            if plan.outcome is Outcome.SOLVED and plan.steps and nobody is None:
+                return plan, some
+            reason = nobody or "; ".join(plan.unreachable) or "no act makes it active"
+        await self._not_done(due, reason)
+        return None, due
+
+    async def _not_done(self, due: Sequence[Change], reason: str) -> None:
+        """Note what cannot be done: the next variant is taken, and this one is tried again later."""
+        for change in due:
+            self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
+        record = await self._create(tuple(due), None, asks=False)
+        if record is not None:
+            await record.note(ChangeTrigger.WENT_WRONG, reason)
+
+    async def _repair_is_cheaper(self, state: Robot, due: Sequence[Change], plan: Plan) -> float:
+        """Return how long to wait for a repair that makes the robot useful sooner than the change; 0: none
+        does.
+        """
+        if not all(change.fault for change in due) or self._deferred.tried:
+            return 0.0
+        policy = self.needs.chooser.policy(state)
+        if policy.mode is not Mode.AUTO or not policy.may_begin(time.time_ns()):
+            return 0.0
+        if self._deferred.until_s:
+            return max(0.0, min(SOON_S, self._deferred.until_s - time.monotonic()))
+        result = await self.needs.robots.diagnosing.of(state, state.sight.vouched())
+        choice = await self.needs.chooser.choose_in_turn(state, result, looks=False)
+        if choice.plan is None or choice.yes or policy.mode_for(choice.plan.steps) is not Mode.AUTO:
+            return 0.0
+        helps = max((one.helps for one in choice.alternatives if one.plan is choice.plan), default=0.0)
+        if helps <= 0 or choice.plan.cost / helps > plan.cost:
+            return 0.0
+        self._deferred.until_s = time.monotonic() + 2 * choice.plan.cost + DEFER_S
+        return SOON_S
+
+    async def _create(self, due: tuple[Change, ...], plan: Plan | None, *, asks: bool) -> ChangeRecord | None:
+        """Write a change; None: it may not be begun now."""
+        state = await self.needs.robots.memory.robot(self.robot)
+        functions = state.functions
+        data = {
+            "changes": [
+                {
+                    "function": one.function,
+                    "from": one.source,
+                    "to": one.target,
+                    "reason": one.reason,
+                    "better": one.better,
+                    "back_ns": None,
+                }
+                for one in due
+            ],
+            "plan": [] if plan is None else [step_json(step, 0) for step in plan.steps],
+            "cost": None if plan is None else plan.cost,
+            "reason": "; ".join(one.reason for one in due),
+            "by": LOOP,
+            "notify": any(functions[one.function].notify for one in due if one.function in functions),
+        }
+        first = ChangeState.AWAITING_APPROVAL if asks else ChangeState.RUNNING
+
+        def begin(tx: Transaction) -> StoredRepair | None:
+            if global_stop.hold(tx).active or drills.open_of(tx, self.robot) is not None:
+                return None
+            stored = repairs.create(tx, self.robot, state=first, data=data, fence=self.fence, change=True)
+            _tell(tx, stored, LOOP, str(data["reason"]))
+            return stored
+
+        stored = await self.needs.store.write(begin, robots=(self.robot,))
+        return None if stored is None else ChangeRecord(self.needs.store, stored, self.fence)
+
+    async def _act(
+        self,
+        state: Robot,
+        record: ChangeRecord,
+        changes: tuple[Change, ...],
+        plan: Plan,
+        signals: Signals,
+    ) -> None:
+        """Carry a plan out, and note what came of it."""
+        self.acting, self._signals = True, signals
+        names = {arg for step in plan.steps for arg in step.parameters}
+        state.is_changed(names.intersection(state.system.cnf.components))
+        try:
+            execution = await execute(plan, await self._setting(state, record, plan, signals))
+            await self._note(state, record, changes, execution, signals)
+        except StoreError:
+            raise  # it stays open, and is closed when the robot is looked at again
+        except RobomendError as error:
+            await self._went_wrong(record, changes, str(error))
+        finally:
+            self.acting, self._signals = False, None
+            state.is_changed(())
+            self._idle.set()
+
+    async def _setting(self, state: Robot, record: ChangeRecord, plan: Plan, signals: Signals) -> Setting:
+        executors = await self.needs.executors(state, signals.halt, self.fence)
+        acts = await Acts.of(self.needs.store, state, record)
+        policy = partial(self.needs.chooser.policy, state)
+
+        async def permit(step: Step) -> str | None:
+            return policy().refusal(step, {}, ()) or await acts.interlocked()
+
+        async def report(report: StepReport) -> None:
+            await record.report(report, 0)
+
+        def answers_s(step: Step) -> float:
+            said_s = state.sight.declared.takes_s(step.name, step.parameters)
+            return OWN_S if said_s is None else said_s
+
+        return Setting(
+            repair=record.id,
+            first_step=0,
+            sight=state.sight,
+            prediction=Prediction(theory_of(state.system.cnf), (), ()),
+            executors=executors,
+            journal=acts,
+            permit=permit,
+            halt=signals.halt,
+            interlocked=state.interlocked,
+            again=acts.again,
+            observed=state.sight.observed,
+            timing=timings(state.config.actions, ()),
+            answers_s=answers_s,
+            confirm=partial(self.needs.store.ownership.confirm, self.fence),
+            report=report,
+        )
+
+    async def _note(
+        self,
+        state: Robot,
+        record: ChangeRecord,
+        changes: tuple[Change, ...],
+        execution: Execution,
+        signals: Signals,
+    ) -> None:
+        if execution.ending is Ending.HALTED:
+            by, why = signals.by or LOOP, signals.reason or execution.reason
+            for change in changes:
+                if not signals.stopped:
+                    now_ns, told = CLOCK.now_ns(), f"cancelled by {by}"
+                    self._keeper.failed(change.function, change.target, told, now_ns, HOUR_NS)
+            await record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=signals.answers())
+            return
+        missing = [
+            str(atom)
+            for change in changes
+            if not state.obs.known(atom := Atom("active", (change.function, change.target)), CLOCK.now_ns())
+        ]
+        if missing and execution.ending is Ending.DONE:
+            await self._went_wrong(record, changes, f"{', '.join(missing)} was not seen")
+            return
+        if missing:
+            await self._went_wrong(record, changes, execution.reason)
+            return
+        now_ns, known = CLOCK.now_ns(), time.time_ns()
+        back = [id_ for change in changes for id_ in self._undone(state, change, record.id)]
+        for change in changes:
+            self._keeper.changed(Made(now_ns, change.function, change.source, change.target))
+
+        def came_back(tx: Transaction) -> None:
+            for id_ in dict.fromkeys(back):
+                stored = repairs.get(tx, id_)
+                told = [
+                    {**one, "back_ns": known}
+                    if one["back_ns"] is None and one["function"] in {c.function for c in changes}
+                    else one
+                    for one in stored.data["changes"]
+                ]
+                new = {**stored.data, "changes": told}
+                repairs.update(tx, id_, state=stored.state, data=new, open=False, fence=self.fence)
+
+        reason = str(record.data.get("reason") or "")
+        await record.note(ChangeTrigger.SEEN, reason, also=came_back, changed_ns=known)
+
+    def _undone(self, state: Robot, change: Change, id_: str) -> list[str]:
+        """Return the changes that this one undoes; note one for the worse, to be undone."""
+        before = self._worse.setdefault(change.function, [])
+        if not change.better:
+            before.append((id_, change.source))
+            return []
+        order = list(state.functions[change.function].variants)
+        undone = []
+        while before and order.index(change.target) <= order.index(before[-1][1]):
+            undone.append(before.pop()[0])
+        return undone
+
+    async def _went_wrong(self, record: ChangeRecord, changes: Sequence[Change], reason: str) -> None:
+        for change in changes:
+            self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
+        await record.note(ChangeTrigger.WENT_WRONG, reason)
+
+    # --- after a restart
+
+    async def _recall(self) -> None:
+        """Close what a crash left, and remember what was changed within the hour."""
+        since_ns = time.time_ns() - HOUR_NS
+
+        def look(view: View) -> tuple[StoredRepair, ...]:
+            return tuple(repairs.page(view, self.robot, Paging(limit=RECALLED), changes=True).items)
+
+        found = await self.needs.store.read(look)
+        for stored in found:
+            if stored.open:
+                await self._close(stored)
+        for stored in reversed(found):
+            at_ns = stored.data.get("changed_ns") or 0
+            for one in stored.data["changes"] if at_ns >= since_ns else ():
+                self._keeper.made.append(Made(at_ns, one["function"], one["from"], one["to"]))
+            for one in stored.data["changes"] if at_ns else ():
+                if not one["better"] and one["back_ns"] is None:
+                    self._worse.setdefault(one["function"], []).append((stored.id, one["from"]))
+
+    async def _close(self, stored: StoredRepair) -> None:
+        def settle(tx: Transaction) -> None:
+            for intent in journal.unsettled(tx, self.robot):
+                if intent.repair == stored.id:
+                    why = "the service ended; whether it acted is for OBS to say"
+                    journal.settle(tx, intent.id, TIMED_OUT, why, fence=self.fence)
+
+        record = ChangeRecord(self.needs.store, stored, self.fence)
+        waited = record.state is ChangeState.AWAITING_APPROVAL
+        what = ChangeTrigger.OVERTAKEN if waited else ChangeTrigger.WENT_WRONG
+        await record.note(what, "the service ended in the middle of it; decided anew", also=settle)
+
+
+def _nobody(plan: Plan, why_nobody: Callable[[str, Sequence[str]], str | None]) -> str | None:
+    """Return why a step of a plan would find nobody, or None."""
+    found = ((step, why_nobody(step.name, step.parameters)) for step in plan.steps)
+    return next((f"{step}: {why}" for step, why in found if why is not None), None)
+
+
+async def _end(task: asyncio.Task[None] | None) -> None:
+    if task is not None:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task

@@ -1,0 +1,435 @@
+"""Changes of a robot's configuration, end to end: over the real service, by a robot that reports and acts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.repairs.robot import Robot, running, service
+from tests.waiting import look_s
+
+from robomend.api.runtime import Runtime
+from robomend.errors import StateConflict
+from robomend.repairs.repair_json import change_json
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
+from robomend.robots.health import health_of
+from robomend.robots.reporters import Reporter
+from robomend.store import attempts, events, journal, repairs
+from robomend.store.records import Paging
+from robomend_client.events import Kind
+from robomend_client.literals import Atom
+from robomend_client.readings import Reading
+
+pytestmark = pytest.mark.anyio
+
+MODEL = """\
+robomend: 1
+name: rover
+hardware:
+  lidar: {channel: 3}
+nodes:
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+  wheels_node: {publishes: {odom: []}}
+properties: [visibility]
+functions:
+  altitude:
+    prefer: [high, medium, low]
+    variants:
+      high: {when: "visibility >= 3.25 ± 0.1", do: ["set_mode(spiral, high)"]}
+      medium: {when: "visibility >= 2.25 ± 0.1", do: ["set_mode(spiral, medium)"]}
+      low: {do: ["set_mode(spiral, low)"]}
+    dwell_s: 0.2
+    adapt: auto
+  localisation:
+    variants:
+      lidar: {needs: [lidar_node], do: [localise(lidar)]}
+      odometry: {needs: [wheels_node], do: [localise(odometry)]}
+    dwell_s: 0.2
+    adapt: auto
+"""
+
+ACTIONS = {name: {"timeout_s": 5.0, "effect_timeout_s": 1.0} for name in ("set_mode", "localise")}
+
+CONFIG: dict[str, Any] = {
+    "model": "rover",
+    "policy": "approve",
+    "observed": ["ok(scan)", "ok(odom)", "running(lidar_node)", "running(wheels_node)", "on(lidar)"],
+    "observed_timeout_s": 3.0,
+    "detection_s": 0.0,
+    "actions": ACTIONS,
+}
+
+
+@dataclass
+class Rover(Robot):
+    """Works by one variant of each function, and says so."""
+
+    active: dict[str, str] = field(default_factory=lambda: {"altitude": "high", "localisation": "lidar"})
+    visibility: float = 4.0
+    lidar: bool = True  # whether it answers
+    driver: bool = True
+    deaf: set[str] = field(default_factory=set)  # acts that are answered with a failure
+    mute: set[str] = field(default_factory=set)  # acts that do nothing
+    held: asyncio.Event = field(default_factory=asyncio.Event)  # acts wait for it, if `holds`
+    holds: bool = False
+    says_active: bool = True
+
+    def sentences(self) -> list[str]:
+        scan = self.lidar and self.driver
+        facts = {
+            "on(lidar)": True,
+            "running(lidar_node)": self.driver,
+            "running(wheels_node)": True,
+            "ok(scan)": scan,
+            "ok(odom)": True,
+        }
+        said = [fact if value else f"not {fact}" for fact, value in facts.items()]
+        if self.says_active:
+            said += [f"active({function}, {variant})" for function, variant in self.active.items()]
+        return [*said, "ok(visibility)"]
+
+    async def report(self) -> None:
+        sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
+        readings = (*[None] * (len(sentences) - 1), Reading(self.visibility, "m"))
+        since = (now_ns,) * len(sentences)
+        batch = Batch(sentences, source="rover", time_ns=now_ns, since=since, readings=readings)
+        await self.robots.observe(self.id, batch)
+
+    async def act_for_ever(self) -> None:
+        while True:
+            action = await self.repairs.orders(self.id, host=None, wait_s=5.0)
+            if action is None:
+                continue
+            text = f"{action['name']}({', '.join(action['parameters'])})"
+            await self.repairs.feedback(action["id"], code=0, message="begun")
+            if self.holds:
+                await self.held.wait()
+            code = 1 if text in self.deaf else 0
+            if not code and text not in self.mute:
+                if action["name"] == "set_mode":
+                    self.active["altitude"] = action["parameters"][1]
+                elif action["name"] == "localise":
+                    self.active["localisation"] = action["parameters"][0]
+                elif action["name"] == "start_node":
+                    self.driver = True
+                elif action["name"] == "stop_node":
+                    self.driver = False
+            self.done.append(text)
+            await self.report()
+            await self.repairs.result(action["id"], code=code, message="", by=Reporter("robot"))
+
+
+@asynccontextmanager
+async def rover_on(runtime: Runtime, model: str = MODEL, **changes: Any) -> AsyncIterator[Rover]:
+    await runtime.robots.models.put("rover", model, format=None, expected=None, by="test")
+    await runtime.robots.put_robot("r1", {**CONFIG, **changes}, expected=None, by="test")
+    rover = Rover(runtime.repairs, runtime.robots)
+    async with running(rover):
+        yield rover
+
+
+async def changes_of(runtime: Runtime) -> list[dict[str, Any]]:
+    """The robot's changes, oldest first."""
+    page = await runtime.store.read(repairs.page, "r1", Paging(limit=100), changes=True)
+    return [change_json(one) for one in reversed(page.items)]
+
+
+async def until(look: Callable[[], Awaitable[Any]], what: str, timeout_s: float = 30.0) -> Any:
+    waited = 0.0
+    while not (found := await look()):
+        assert waited < timeout_s, f"waited {timeout_s:g} s in vain for {what}"
+        await asyncio.sleep(step := look_s(waited))
+        waited += step
+    return found
+
+
+async def ended(runtime: Runtime, count: int) -> list[dict[str, Any]]:
+    """The changes, once so many have ended."""
+
+    async def look() -> list[dict[str, Any]] | None:
+        found = [one for one in await changes_of(runtime) if one["finished_ns"] is not None]
+        return found if len(found) >= count else None
+
+    found: list[dict[str, Any]] = await until(look, f"{count} changes that have ended")
+    return found
+
+
+def texts(changes: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
+    return [(one["changes"][0]["from"], one["changes"][0]["to"], one["state"]) for one in changes]
+
+
+async def test_a_reading_that_falls_changes_the_variant_and_back_and_nothing_is_blamed(
+    tmp_path: Path,
+) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.visibility = 2.9
+        (change,) = await ended(runtime, 1)
+        assert texts([change]) == [("high", "medium", "changed")]
+        assert change["reason"] == "visibility fell to 2.9, at least 3.25"
+        rover.visibility = 3.4
+        first, second = await ended(runtime, 2)
+        assert texts([second]) == [("medium", "high", "changed")]
+        at, back = first["changed"][11:19], second["changed"][11:19]
+        assert first["changes"][0]["text"] == (
+            f"altitude: high → medium at {at}, as visibility fell to 2.9, at least 3.25; back at {back}"
+        )
+        assert rover.done == ["set_mode(spiral, medium)", "set_mode(spiral, high)"]
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=5)) == []
+        assert await runtime.store.read(attempts.counted, "r1", 0) == {}
+        assert await runtime.store.read(attempts.tried, "r1") == ()
+        assert await runtime.repairs.quarantined("r1") == {}
+        assert await runtime.store.read(journal.unsettled, "r1") == ()
+        state = await runtime.robots.memory.robot("r1")
+        assert str(health_of(state)[0]) == "healthy"
+        told = await runtime.store.read(lambda view: events.after(view, 0, robot="r1", limit=10_000))
+        assert [event.data["state"] for event in told if event.kind is Kind.CONFIGURATION] == [
+            "running",
+            "changed",
+        ] * 2
+        metrics = (await runtime.metrics.text()).decode()
+        assert 'robomend_configuration_changes_total{state="changed"} 2.0' in metrics
+
+
+async def test_a_dead_device_is_bridged_at_once_and_the_robot_is_degraded(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.lidar = False
+        (change,) = await ended(runtime, 1)
+        assert texts([change]) == [("lidar", "odometry", "changed")]
+        state = await runtime.robots.memory.robot("r1")
+
+        async def degraded() -> bool:
+            return str(health_of(state)[0]) == "degraded"
+
+        await until(degraded, "the robot to be degraded")
+        assert health_of(state)[0].healthy is False
+        rover.lidar = True  # a person has mended it
+        changes = await ended(runtime, 2)
+        assert texts(changes[1:]) == [("odometry", "lidar", "changed")]
+
+
+async def test_a_repair_that_is_cheaper_comes_first(tmp_path: Path) -> None:
+    """To start the node costs 3, to change and to change back twice 5."""
+    async with service(tmp_path) as runtime, rover_on(runtime, policy="auto") as rover:
+        await rover.settled()
+        rover.driver = False
+
+        async def repaired() -> bool:
+            found = await runtime.repairs.repairs("r1", before=None, limit=1)
+            return bool(found) and found[0]["state"] == "repaired"
+
+        await until(repaired, "a repair")
+        assert rover.done == ["start_node(lidar_node)"]
+        assert await changes_of(runtime) == []
+
+
+async def test_a_slow_repair_is_bridged_and_then_it_goes_back(tmp_path: Path) -> None:
+    model = MODEL.replace("lidar_node: {", "lidar_node: {cost: 20, ")
+    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
+        await rover.settled()
+        rover.driver = False
+        changes = await ended(runtime, 2)
+        assert texts(changes) == [("lidar", "odometry", "changed"), ("odometry", "lidar", "changed")]
+        assert rover.done == ["localise(odometry)", "start_node(lidar_node)", "localise(lidar)"]
+
+
+async def test_a_variant_whose_act_fails_gives_way_to_the_next_one_and_that_is_said(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.deaf.add("set_mode(spiral, medium)")
+        rover.visibility = 2.9
+        changes = await ended(runtime, 2)
+        assert texts(changes) == [("high", "medium", "failed"), ("high", "low", "changed")]
+        assert changes[0]["reason"].startswith("set_mode(spiral, medium) failed")
+        rover.mute.add("set_mode(spiral, high)")
+        rover.visibility = 5.0
+        changes = await ended(runtime, 3)
+        assert texts(changes[2:]) == [("low", "high", "failed")]
+        assert "active(altitude,high) was not seen" in changes[2]["reason"]
+        states = (await runtime.robots.memory.robot("r1")).function_states()
+        assert states["altitude"].standings["high"].why == changes[2]["reason"]
+
+
+async def test_a_change_that_needs_a_yes_waits_for_it_and_lapses_when_it_is_not_due(tmp_path: Path) -> None:
+    model = MODEL.replace(
+        "dwell_s: 0.2\n    adapt: auto\n  local", "adapt: approve\n    dwell_s: 0.2\n  local"
+    )
+    async with service(tmp_path) as runtime, rover_on(runtime, model) as rover:
+        await rover.settled()
+
+        async def waits(state: str = "awaiting-approval") -> dict[str, Any] | None:
+            found = await changes_of(runtime)
+            return found[-1] if found and found[-1]["state"] == state else None
+
+        rover.visibility = 2.9
+        change = await until(waits, "a change that waits")
+        rover.visibility = 4.0
+        await until(lambda: waits("cancelled"), "its end")
+        rover.visibility = 2.9
+        change = await until(waits, "another one")
+        rover.lidar = False  # what needs no yes goes on meanwhile
+        await until(lambda: _active(rover, "localisation", "odometry"), "the other function")
+        answer = await runtime.repairs.approve(change["id"], by="ada", reason="")
+        assert answer["state"] in {"running", "changed"}
+        with pytest.raises(StateConflict, match=f"change {change['id']} "):
+            await runtime.repairs.approve(change["id"], by="ada", reason="")
+        await until(lambda: _active(rover, "altitude", "medium"), "the change")
+        rover.visibility = 2.0
+        change = await until(waits, "the next one")
+        assert (await runtime.repairs.cancel(change["id"], by="ada", reason="not now"))[
+            "state"
+        ] == "cancelled"
+        state = await runtime.robots.memory.robot("r1")
+
+        async def declined() -> bool:
+            return state.function_states()["altitude"].standings["low"].why == "declined by ada"
+
+        await until(declined, "the no to be remembered")
+        assert rover.active["altitude"] == "medium"
+
+
+async def _active(rover: Rover, function: str, variant: str) -> bool:
+    return rover.active[function] == variant
+
+
+async def test_what_is_only_observed_is_said_and_not_done(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime, policy="observe") as rover:
+        await rover.settled()
+        rover.visibility = 2.9
+        state = await runtime.robots.memory.robot("r1")
+
+        async def said() -> bool:
+            held = state.function_states()["altitude"].held
+            return (
+                held == "medium is due, as visibility fell to 2.9, at least 3.25; the robot is only observed"
+            )
+
+        await until(said, "why nothing is done")
+        assert await changes_of(runtime) == []
+
+
+async def test_nothing_is_changed_by_an_active_variant_that_nobody_reports_or_by_two(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        rover.says_active = False
+        rover.visibility = 1.0
+        await rover.settled()
+        state = await runtime.robots.memory.robot("r1")
+        held = "nobody reports which variant of altitude is active"
+
+        async def said() -> bool:
+            return state.function_states()["altitude"].held == held
+
+        await until(said, "that nobody reports it")
+        two = ("active(altitude, high)", "active(altitude, low)")
+        await runtime.robots.observe("r1", Batch(two, source="rover"))
+        held = "several variants of altitude are reported active: high, low"
+        await until(said, "that two are reported")
+        assert await changes_of(runtime) == []
+        await runtime.robots.observe("r1", Batch(("active(altitude, high)",), source="rover"))
+        # to say that one is active denies the others
+        (change,) = await ended(runtime, 1)
+        assert texts([change])[0][:2] == ("high", "low")
+        entry = state.obs.get(Atom("active", ("altitude", "medium")))
+        assert entry is not None
+        assert not entry.positive
+
+
+async def test_the_global_stop_stops_changes_as_well(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        await runtime.repairs.stop(by="ada", reason="look")
+        rover.visibility = 2.9
+        state = await runtime.robots.memory.robot("r1")
+
+        async def said() -> bool:
+            return state.function_states()["altitude"].held.endswith("the global stop is active")
+
+        await until(said, "why nothing is done")
+        assert await changes_of(runtime) == []
+        await runtime.repairs.resume(by="ada", reason="go on")
+        assert texts(await ended(runtime, 1)) == [("high", "medium", "changed")]
+        rover.holds = True
+        rover.visibility = 2.0
+
+        async def acts() -> bool:
+            return any(one["state"] == "running" for one in await changes_of(runtime))
+
+        await until(acts, "the change to begin")
+        await runtime.repairs.stop(by="ada", reason="look again")
+        changes = await ended(runtime, 2)
+        assert texts(changes[1:]) == [("medium", "low", "cancelled")]
+        assert changes[1]["reason"] == "global stop: look again"
+        rover.held.set()
+
+
+async def test_a_protected_component_and_a_forbidden_act_stay_as_they_are(tmp_path: Path) -> None:
+    model = MODEL.replace("localise(odometry)]", "stop_node(lidar_node), localise(odometry)]")
+    protected = model.replace("lidar_node: {drives", "lidar_node: {protected: true, drives")
+    async with service(tmp_path) as runtime, rover_on(runtime, protected) as rover:
+        await rover.settled()
+        rover.lidar = False
+        (change,) = await ended(runtime, 1)
+        assert change["state"] == "failed"
+        assert change["reason"].startswith("stop_node(lidar_node): lidar_node stays as it is")
+        assert rover.done == []
+
+
+async def test_what_the_acts_of_a_variant_stop_is_no_fault_while_it_is_active(tmp_path: Path) -> None:
+    model = MODEL.replace("[localise(odometry)]", "[stop_node(lidar_node), localise(odometry)]")
+    model = model.replace("lidar: {needs: [lidar_node]", 'lidar: {when: "ok(indoors)", needs: [lidar_node]')
+    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
+        await runtime.robots.observe("r1", Batch(("ok(indoors)",), source="map"))
+        await rover.settled()
+        await runtime.robots.observe("r1", Batch(("not ok(indoors)",), source="map"))
+        (change,) = await ended(runtime, 1)
+        assert (change["state"], rover.driver) == ("changed", False)
+        await rover.settled()
+        state = await runtime.robots.memory.robot("r1")
+
+        async def well() -> bool:
+            await rover.settled()
+            return str(health_of(state)[0]) == "healthy"
+
+        await until(well, "the robot to be healthy without the node")
+        await runtime.robots.observe("r1", Batch(("ok(indoors)",), source="map"))
+        await ended(runtime, 2)
+        assert rover.done == [
+            "stop_node(lidar_node)", "localise(odometry)", "start_node(lidar_node)", "localise(lidar)",
+        ]  # fmt: skip
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=5)) == []
+
+
+async def test_after_a_restart_changes_are_remembered_and_what_was_cut_off_is_decided_anew(
+    tmp_path: Path,
+) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.visibility = 2.9
+        await ended(runtime, 1)
+        rover.holds = True
+        rover.visibility = 2.0
+
+        async def acts() -> bool:
+            found = await changes_of(runtime)
+            return len(found) == 2 and bool(await runtime.store.read(journal.unsettled, "r1"))
+
+        await until(acts, "the change to begin")
+    async with service(tmp_path) as runtime:
+        again = Rover(runtime.repairs, runtime.robots)
+        again.active, again.visibility = dict(rover.active), 2.0
+        async with running(again):
+            changes = await ended(runtime, 3)
+            assert texts(changes) == [
+                ("high", "medium", "changed"), ("medium", "low", "failed"), ("medium", "low", "changed"),
+            ]  # fmt: skip
+            again.visibility = 4.0
+            changes = await ended(runtime, 4)
+            assert changes[0]["changes"][0]["back"] is not None
+            assert await runtime.store.read(journal.unsettled, "r1") == ()
