@@ -184,9 +184,9 @@ def test_sources_are_put_on_top_of_each_other(tmp_path: Path, capsys: pytest.Cap
     assert run(["model", "from-ros", *given]) == 0
     text = capsys.readouterr().out
     system = load_text(text)
-    assert system.cnf.components == ("camera", "laser", "mapper")
+    assert system.cnf.components == ("laser", "mapper")
     assert "      map: [scan]    # nav_msgs/OccupancyGrid" in text
-    assert "camera is launched and was not there: why?" in text
+    assert "#   camera (camera/camera; it may not be started) is launched and was not there: why?" in text
     assert "  laser2: {}    # laser*" in text
     assert "  - 'not ab(laser) -> ok(laser2)'" in text
     assert "of which node does the status 'charger' speak?" in text

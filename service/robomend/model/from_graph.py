@@ -231,7 +231,10 @@ class _Draft:
         self.listened = heard.seconds > 0
         self.graph = _legal(heard.graph)
         gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
-        here = self.graph.nodes | {name for name in heard.launched if _is_name(name)}
+        launched = {name for name in heard.launched if _is_name(name)}
+        # What was looked for and is not there is no component: it would be missed from the first moment on.
+        here = self.graph.nodes or launched
+        self.missing = sorted(launched - here)
         self.nodes = sorted(node for node in here - gone if not _is_any_of(node, TOOLS))
         if not self.nodes:
             raise InputError(
@@ -328,11 +331,9 @@ class _Draft:
             outputs = sorted(topic for topic, publisher in self.topics.items() if publisher == node)
             listens = (t for t, listeners in self.graph.subscribers.items() if node in listeners)
             inputs = sorted(t for t in listens if t in self.topics and t not in outputs)
-            launched = self.heard.launched.get(node)
-            if launched is not None and node not in self.graph.nodes:
-                if self.graph.nodes:
-                    self.asked.append(f"{node.removeprefix('/')} is launched and was not there: why?")
-                yield f"  {word(node)}: {{}}    # {comment(launched)}; what does it publish, and listen to?"
+            if node not in self.graph.nodes:
+                launched = comment(self.heard.launched[node])
+                yield f"  {word(node)}: {{}}    # {launched}; what does it publish, and listen to?"
                 continue
             if not outputs:
                 why = "publishes nothing that the model speaks of"
@@ -394,7 +395,9 @@ class _Draft:
         statuses, blamed = {}, {}
         for status, found in sorted(self.heard.statuses.items()):
             node = self._speaker(status, found.publishers)
-            if node is None:
+            if self.listened and not found.publishers and not found.topic.count:
+                self.asked.append(f"the status {status!r} is expected and did not come: why?")
+            elif node is None:
                 self.asked.append(f"of which node does the status {status!r} speak?")
             elif found.levels != {0}:
                 level = ("OK", "WARN", "ERROR", "STALE")[min(max(found.levels), 3)]
@@ -477,6 +480,9 @@ class _Draft:
 
     def _ask(self) -> None:
         """What may have been broken while it was listened is asked."""
+        for node in self.missing:
+            said = self.heard.launched[node]
+            self.asked.append(f"{node.removeprefix('/')} ({said}) is launched and was not there: why?")
         for topic, why in sorted(self.why_not.items()):
             named = topic.removeprefix("/")
             if self._of(topic).latched:

@@ -14,6 +14,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from typing import Any
 
 import yaml
@@ -40,8 +41,12 @@ def with_launched(heard: Heard, launched: Launched) -> Heard:
 
 
 def with_statuses(heard: Heard, statuses: Mapping[str, str]) -> Heard:
-    """Return what was heard with the statuses that analyzers name; those that were heard stay as they are."""
-    named = {status: HeardStatus(frozenset({0}), frozenset()) for status in statuses}
+    """Return what was heard with the statuses that analyzers name, but for those that were heard."""
+    named = {
+        status: HeardStatus(frozenset({0}), frozenset())
+        for status in statuses
+        if not any(fnmatchcase(name.removeprefix("/"), status) for name in heard.statuses)
+    }
     return replace(heard, statuses={**named, **heard.statuses})
 
 
