@@ -60,7 +60,7 @@ def command(
 
     graphs = [ros1, ros2, bag, dump]
     if graphs.count(None) < 3 or (graphs.count(None) == 4 and not launch and not analyzers):
-        raise click.UsageError("give one of --ros1, --ros2, --bag and --dump, or --launch or --analyzers")
+        raise click.UsageError("give one of --ros1, --ros2 and --bag, or --dump, --launch or --analyzers")
     if dump is not None:
         heard = Heard(read_dump(_text(dump), str(dump)), f"the dump {dump.name}")
     elif graphs.count(None) == 3:
