@@ -178,7 +178,10 @@ def test_launch_files_of_ros_2_say_the_same_in_each_of_their_forms(text: str, fi
             LaunchedNode("/rviz2", "rviz2", "rviz2"),
         )
     }
-    assert found.questions == ()
+    assert [one.partition(": ")[2] for one in found.questions] == [
+        "is image_proc/image_proc::DebayerNode called DebayerNode? It is not said",
+        "is rviz2/rviz2 called rviz2? It is not said",
+    ]
 
 
 def test_python_is_read_and_not_run() -> None:
@@ -237,3 +240,53 @@ def test_files_that_include_themselves_come_to_an_end() -> None:
     found = read_launch(text, "a.launch", lambda name: text)
     assert [node.name for node in found.nodes] == ["/n"]
     assert any("include each other too often" in one for one in found.questions)
+
+
+INCLUDING = """
+import os
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node, PushRosNamespace
+
+
+def generate_launch_description():
+    model = os.environ["MODEL"]
+    if model == "a":
+        lidar = LaunchConfiguration("lidar", default=os.path.join(get_package_share_directory("a"), "launch"))
+    else:
+        lidar = LaunchConfiguration("lidar", default=os.path.join(get_package_share_directory("b"), "launch"))
+    namespace = LaunchConfiguration("namespace", default="r3")
+    usual = [("/tf", "tf")]
+    full = (namespace, "/", "front")
+    return LaunchDescription([
+        DeclareLaunchArgument("namespace", default_value=namespace),
+        PushRosNamespace(namespace),
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(
+                [os.path.join(get_package_share_directory("up"), "launch", "up.py")]
+            ),
+            launch_arguments={"called": "state", "namespace": namespace}.items(),
+        ),
+        IncludeLaunchDescription(PythonLaunchDescriptionSource([lidar, "/lidar.launch.py"])),
+        Node(package="base", executable="base", name="base", remappings=usual + [("cmd_vel", "/cmd_nav")]),
+    ])
+"""
+
+UP = """
+from launch import LaunchDescription
+def generate_launch_description():
+    called = LaunchConfiguration("called")
+    return LaunchDescription([Node(package="up", executable="up", name=[called, "_publisher"])])
+"""
+
+
+def test_namespaces_arguments_and_remaps_go_through_a_launch_description_as_robots_have_it() -> None:
+    found = read_launch(INCLUDING, "r.py", lambda name: UP if name == "[up]/launch/up.py" else None)
+    assert {node.name: node.remaps for node in found.nodes} == {
+        "/r3/state_publisher": (),
+        "/r3/base": (("/tf", "/r3/tf"), ("cmd_vel", "/cmd_nav")),
+    }
+    assert found.questions == ("r.py, line 29: what does /lidar.launch.py start, which it includes?",)

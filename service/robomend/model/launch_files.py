@@ -311,6 +311,8 @@ class _Tree:
         executable = self._text(executable, scope) or executable
         given = one.attributes.get("name", one.attributes.get("node_name", executable.rpartition("::")[2]))
         name = self._text(given, scope)
+        if name is not None and not {"name", "node_name"} & one.attributes.keys():
+            self._ask(f"is {one.attributes.get('pkg', '?')}/{executable} called {name}? It is not said")
         if name is None:
             self._ask(f"what is the node `{given}` of {one.attributes.get('pkg', '?')} called?")
             return
@@ -399,19 +401,19 @@ class _Python:
                 name = self._text(_argument(call, "name", 0), scope)
                 if name is not None and name not in scope.arguments:
                     scope.arguments[name] = self._text(_argument(call, "default_value", 1), scope)
-        for call in calls:
-            if _called(call) == "GroupAction" and id(call) not in self._done:
-                self._group(call, scope)
+        for kind in ("LaunchDescription", "GroupAction"):
+            for call in calls:
+                if _called(call) == kind and id(call) not in self._done:
+                    self._group(call, scope)
         for call in calls:
             self._action(call, scope)
-            if _called(call) == "IncludeLaunchDescription":
-                self._include(call, scope)
 
     def _group(self, call: ast.Call, scope: _Scope) -> None:
         """Walk what is in a group: a namespace that is pushed holds for what follows."""
         self._done.add(id(call))
         inner = self._conditional(call, scope).inner()
-        for one in self._items(_argument(call, "actions", 0)):
+        listed = _argument(call, "actions") or _argument(call, "initial_entities", 0)
+        for one in self._items(listed):
             if not isinstance(one, ast.Call):
                 continue
             if _called(one) in ("PushRosNamespace", "PushROSNamespace"):
@@ -431,6 +433,9 @@ class _Python:
     def _items(self, value: ast.expr | None) -> Iterator[ast.expr]:
         """Yield the items of a list, with what its variables stand for."""
         value = self._followed(value)
+        if isinstance(value, ast.BinOp) and isinstance(value.op, ast.Add):
+            yield from self._items(value.left)
+            yield from self._items(value.right)
         for one in value.elts if isinstance(value, ast.List | ast.Tuple) else ():
             item = self._followed(one)
             if item is not None:
@@ -446,6 +451,9 @@ class _Python:
     def _action(self, call: ast.Call, scope: _Scope, container: str = "") -> None:
         if id(call) in self._done:
             return
+        if _called(call) == "IncludeLaunchDescription":
+            self._done.add(id(call))
+            self._include(call, scope)
         if _called(call) == "LoadComposableNodes":
             self._done.add(id(call))
             target = self._text(_argument(call, "target_container", 0), scope) or "a container"
@@ -470,6 +478,8 @@ class _Python:
             more = ", in a loop" if looped else ""
             self._ask(call, f"what is the node of {package or '?'}/{executable or '?'} called{more}?")
             return
+        if named is None:
+            self._ask(call, f"is {package}/{executable} called {name}? It is not said")
         if namespace is None:
             self._ask(call, f"in which namespace is {name}?")
         remaps: tuple[tuple[str, str], ...] = scope.remaps
@@ -513,7 +523,21 @@ class _Python:
                 call, f"what does {files[-1] if files else 'the launch file'} start, which it includes?"
             )
             return
-        _read(text, name, self._conditional(call, scope).inner(), self._found)
+        there = self._conditional(call, scope).inner()
+        given = self._followed(_argument(call, "launch_arguments", 1))
+        if isinstance(given, ast.Call) and isinstance(given.func, ast.Attribute):  # a dictionary's items()
+            given = self._followed(given.func.value)
+        pairs: list[tuple[ast.expr | None, ast.expr]] = []
+        if isinstance(given, ast.Dict):
+            pairs = list(zip(given.keys, given.values, strict=True))
+        for one in self._items(given):
+            both = [*self._items(one)]
+            pairs += [(both[0], both[1])] if len(both) == 2 else []
+        for key, value in pairs:
+            argument = self._text(key, scope)
+            if argument is not None:
+                there.arguments[argument] = self._text(value, scope)
+        _read(text, name, there, self._found)
 
     def _text(self, value: ast.expr | None, scope: _Scope, depth: int = 0) -> str | None:
         """Return a text that is made of constants and arguments; None if it is not."""
@@ -534,6 +558,8 @@ class _Python:
             called = _called(value)
             if called == "LaunchConfiguration":
                 name = self._text(_argument(value, "variable_name", 0), scope, depth + 1)
+                if name is not None and name not in scope.arguments and depth < 10:
+                    return self._text(_argument(value, "default", 1), scope, depth + 10)
                 return None if name is None else scope.arguments.get(name)
             if called == "TextSubstitution":
                 return self._text(_argument(value, "text", 0), scope, depth + 1)
