@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.model_from_ros import FILE, with_files
 from robomend.errors import BackendError, InputError
 
 if TYPE_CHECKING:
@@ -76,6 +77,8 @@ class Wanted:
     url: str | None
     key: str | None
     update: bool
+    launch: tuple[Path, ...] = ()
+    analyzers: tuple[Path, ...] = ()
 
 
 @click.command("attach", short_help="Watch a running robot; nothing need be written before.")
@@ -100,6 +103,10 @@ class Wanted:
     show_default=True,
     help="How long to listen; longer is calmer.",
 )
+@click.option("--launch", multiple=True, type=FILE, help="A launch file of it: what is not there is asked.")
+@click.option(
+    "--analyzers", multiple=True, type=FILE, help="Of its diagnostic_aggregator: names of statuses."
+)
 @click.option("--name", help="The robot's name.  [default: DIR's]")
 @click.option("--namespace", default="/", help="Only the nodes in here, of several robots in one domain.")
 @click.option("--url", envvar="ROBOMEND_URL", help="A service that runs, instead of one of its own.")
@@ -110,6 +117,8 @@ def command(
     ros1: str | None,
     ros2: str | None,
     bags: tuple[Path, ...],
+    launch: tuple[Path, ...],
+    analyzers: tuple[Path, ...],
     seconds: float,
     name: str | None,
     namespace: str,
@@ -141,7 +150,8 @@ def command(
     robot = known or name or folder.resolve().name
     if not ROBOT.match(robot):
         raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most); see --name")
-    wanted = Wanted(folder, robot, seconds, ros1, ros2, namespace, url, key, update)
+    asked = folder, robot, seconds, ros1, ros2, namespace, url, key, update
+    wanted = Wanted(*asked, launch, analyzers)
     if bags:
         _write(wanted, heard_of_bags(bags).within(namespace), _url(wanted))
         files = f"-m {folder / model_file(robot)} --observers {folder / 'agent.yaml'}"
@@ -545,6 +555,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     from robomend.cli.schema import FILES, schema_name, schema_text
 
     bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
+    heard = with_files(heard, wanted.launch, wanted.analyzers)
     texts = files_of(Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus))
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
     written = {}

@@ -88,6 +88,7 @@ def command(
         robot=name,
         per_hour=per_hour,
         live=_live(ros1, ros2),
+        update=update,
         on_log=lambda log: None if quiet else click.echo(f"read: {log}", err=True),
     )
     if out is not None:
@@ -128,10 +129,11 @@ def _tell(learned: Learned, out: Path | None, quiet: bool) -> None:
         if problem["bad"] or not quiet:
             place = f"{problem['place']}: " if problem["place"] else ""
             click.echo(f"{'bad' if problem['bad'] else 'note'}: {place}{problem['reason']}", err=True)
-    for name in learned.doubtful:
+    for name, (_, _, why) in learned.entries.doubtful.items():
+        click.echo(f"doubtful: {name}: {why}: it is left as a comment", err=True)
+    for name, count in learned.contradicted.items():
         click.echo(
-            f"doubtful: {name}: {counted(learned.alarms[name], 'false alarm')} over what was held back",
-            err=True,
+            f"contradicted: {name}: {counted(count, 'false alarm')} in logs of a healthy robot", err=True
         )
     if quiet:
         return

@@ -157,6 +157,9 @@ class Heard:
     since_ns: Mapping[str, int] = field(default_factory=dict)  # node -> when it was seen first
     remarks: tuple[str, ...] = ()  # what else people should know
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+    launched: Mapping[str, str] = field(
+        default_factory=dict
+    )  # nodes of launch files -> what they say of each
 
     def within(self, namespace: str) -> Heard:
         """Return what was heard of the nodes in a namespace."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from io import BytesIO
 from pathlib import Path
@@ -46,6 +47,13 @@ def test_uploaded_logs_are_diagnosed_as_by_the_command(batching: Service, tmp_pa
     assert report.headers["Content-Security-Policy"].startswith("sandbox; default-src 'none'")
     folder = batching.runtime.settings.data / "batches" / batch
     until(lambda: not (folder / "logs").exists(), "what was read is removed")
+
+
+def test_a_log_may_be_uploaded_compressed(batching: Service) -> None:
+    made = batching.api("POST", "/batches", **form(("a.ndjson.gz", gzip.compress(SCAN.encode()))))
+    assert made.status_code == 202, made.text
+    found = ended(batching, made.json()["id"])
+    assert (found["state"], found["log_states"], found["faulty"]) == ("done", {"ok": 1}, 1)
 
 
 def test_logs_of_the_folder_are_named_by_pattern(batching: Service, logs: Path) -> None:

@@ -186,6 +186,20 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
 
 
+def test_launch_files_ask_for_what_is_not_there(tmp_path: Path) -> None:
+    recording(tmp_path / "good.bag", 10)
+    launch = tmp_path / "all.launch"
+    node = '<node pkg="{0}" type="{0}_node" name="{0}"/>'
+    launch.write_text(f"<launch>{node.format('lidar')}{node.format('camera')}</launch>")
+    folder = tmp_path / "rover"
+    given = ["--bag", str(tmp_path / "good.bag"), "--launch", str(launch), str(folder)]
+    assert run(["attach", *given]) == 0
+    text = (folder / "rover.yaml").read_text()
+    assert "camera (camera/camera_node) is launched and was not there: why?" in text
+    assert load_model(folder / "rover.yaml").cnf.components == ("lidar",)
+    assert "camera" not in (folder / "agent.yaml").read_text()
+
+
 def recording(file: Path, rate_hz: int) -> None:
     """Write a recording of half a minute."""
     store = get_typestore(Stores.ROS1_NOETIC)

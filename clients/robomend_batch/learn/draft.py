@@ -16,6 +16,9 @@ from robomend_batch.learn.words import comment, outwards, upwards, word
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.rate import LEAST_SILENCE_S
 
+LONGEST_WITHIN_S = 10.0
+"""An answer that may be later than this is not watched."""
+
 Entry = dict[str, str]
 """Key -> value, as YAML has them."""
 
@@ -28,11 +31,25 @@ class Entries:
     observers: dict[str, Entry] = field(default_factory=dict)
     evidence: dict[str, list[str]] = field(default_factory=dict)  # by the entry's name
     left_out: list[tuple[str, str]] = field(default_factory=list)  # what is not observed, and why
+    doubtful: dict[str, tuple[str, Entry, str]] = field(default_factory=dict)  # section, entry, why: comments
 
     @property
     def names(self) -> list[str]:
         """Of all entries."""
         return [*self.topics, *self.observers]
+
+    def doubt(self, name: str, why: str) -> None:
+        """Leave an entry in the file as a comment only."""
+        section = "topics" if name in self.topics else "observers"
+        entry = (self.topics if name in self.topics else self.observers).pop(name)
+        self.doubtful[name] = section, entry, why
+
+    def take(self, name: str, other: Entries) -> None:
+        """Take an entry, with its evidence, as others have it."""
+        for mine, theirs in ((self.topics, other.topics), (self.observers, other.observers)):
+            if name in mine and name in theirs:
+                mine[name] = theirs[name]
+                self.evidence[name] = [*other.evidence[name], "what was held back was learned from as well"]
 
 
 def rate_entry(entries: Entries, found: RateFound, first_s: float) -> None:
@@ -71,8 +88,14 @@ def rate_entry(entries: Entries, found: RateFound, first_s: float) -> None:
 
 
 def delay_entry(entries: Entries, found: DelayFound, name: str, silence_s: float) -> None:
-    """Add the observer of a topic that answers another; what its silence lets pass is no late answer."""
+    """Add the observer of a topic that answers another, if a late answer would be noticed; what its silence
+    lets pass is none.
+    """
     within_s = max(found.within.value, LEAST_WITHIN_S, silence_s)
+    if within_s > LONGEST_WITHIN_S:
+        why = f"its answers to {found.in_topic} may be {_s(within_s)} late: nobody would notice"
+        entries.left_out.append((name, why))
+        return
     entries.observers[name] = {
         "kind": "multiple",
         "in_topic": word(found.in_topic),
@@ -166,11 +189,14 @@ def observers_text(entries: Entries, head: list[str], trial: Mapping[str, str]) 
             lines += [
                 f"  # {comment(line)}" for line in (*entries.evidence[name], trial.get(name, "")) if line
             ]
-            lines.append(
-                f"  {word(name)}: {{{', '.join(f'{key}: {value}' for key, value in entry.items())}}}"
-            )
+            lines.append(f"  {_line(name, entry)}")
     if not entries.names:
         lines += ["", "observers: {}"]
+    if entries.doubtful:
+        lines += ["", "# Doubtful, and so not observed. Who knows that one is right takes its mark away:"]
+    for name, (section, entry, why) in entries.doubtful.items():
+        lines += [f"#   {comment(line)}" for line in (f"{section}: {why}", *entries.evidence[name])]
+        lines.append(f"#   {_line(name, entry)}")
     if entries.left_out:
         lines += [
             "",
@@ -178,6 +204,10 @@ def observers_text(entries: Entries, head: list[str], trial: Mapping[str, str]) 
             *(f"#   {comment(what)}: {comment(why)}" for what, why in entries.left_out),
         ]
     return "\n".join(lines) + "\n"
+
+
+def _line(name: str, entry: Entry) -> str:
+    return f"{word(name)}: {{{', '.join(f'{key}: {value}' for key, value in entry.items())}}}"
 
 
 def _tail(found: Bound) -> str:

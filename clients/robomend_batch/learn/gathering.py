@@ -10,7 +10,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -162,6 +162,16 @@ class Gathered:
         """What is held back."""
         return [stretch for stretch in self.stretches if stretch.held_back]
 
+    @property
+    def whole(self) -> list[Stretch]:
+        """Each log from its beginning to its end."""
+        return [Stretch(log, start, end + 1, False) for log, (start, end) in enumerate(self.spans_ns)]
+
+    @property
+    def all_learned(self) -> Gathered:
+        """The same with nothing held back."""
+        return replace(self, stretches=[replace(stretch, held_back=False) for stretch in self.stretches])
+
 
 def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: None) -> Gathered:
     """Read logs; those that cannot be read are among the problems."""
@@ -299,7 +309,7 @@ class _Reader:
         topic = self._found.topics.setdefault(channel.topic, Topic(channel.topic))
         topic.types.add(channel.type_name)
         if channel.publisher:
-            topic.publishers.add("/" + channel.publisher.strip("/"))
+            topic.publishers.add(lasting_name("/" + channel.publisher.strip("/")))
         try:
             store = store_of(channel)
             unpack, name = store.deserialize_cdr if channel.cdr else store.deserialize_ros1, channel.type_name
@@ -327,7 +337,8 @@ class _Reader:
         try:
             if number in self._discovery:
                 for node in self._discovery[number](data)[:MOST_NODES]:
-                    self._found.nodes.add(f"{node['node_namespace'].rstrip('/')}/{node['node_name']}")
+                    name = f"{node['node_namespace'].rstrip('/')}/{node['node_name']}"
+                    self._found.nodes.add(lasting_name(name))
                 return
             if number in self._diagnostics:
                 for status in self._diagnostics[number](data):
@@ -350,7 +361,7 @@ class _Reader:
         mine.levels.add(self._log, time_ns, float(level[0] if isinstance(level, bytes) else level))
         publisher = self._publisher.get(number)
         if publisher:
-            mine.publishers.add("/" + publisher.strip("/"))
+            mine.publishers.add(lasting_name("/" + publisher.strip("/")))
         for pair in status["values"]:
             read = number_of(str(pair["value"]))
             if read is not None:

@@ -6,8 +6,8 @@ import math
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from robomend.errors import InputError
@@ -18,7 +18,7 @@ from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Gathered, Serie
 from robomend_batch.learn.matches import learn_matches
 from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
-from robomend_batch.learn.stretches import hours
+from robomend_batch.learn.stretches import Stretch, hours
 from robomend_batch.learn.trial import false_alarms
 from robomend_batch.learn.words import slug
 from robomend_batch.observing import load_observers
@@ -48,8 +48,9 @@ class Learned:
     held_back_h: float
     meant_per_hour: float
     alarms: Mapping[str, int]  # entry -> false alarms over what was held back
-    doubtful: tuple[str, ...]  # entries with more of them than was meant
+    doubtful: tuple[str, ...]  # entries with more of them than was meant, or with any in their own logs
     problems: list[dict[str, object]]
+    contradicted: Mapping[str, int] = field(default_factory=dict)  # entry of `update` -> false alarms
 
     @property
     def false_alarms(self) -> int:
@@ -63,6 +64,7 @@ def learn(
     robot: str = "robot",
     per_hour: float = 0.1,
     live: RosGraph = NO_GRAPH,
+    update: Path | None = None,
     on_log: Callable[[str], None] = lambda name: None,
 ) -> Learned:
     """Learn from logs of a healthy robot.
@@ -72,6 +74,7 @@ def learn(
         robot: the model's name.
         per_hour: false alarms of all observers together that are aimed at.
         live: who publishes and listens on the running robot: of topics that the logs name nobody for.
+        update: a file whose observers are held against the logs.
         on_log: told of each log that was read.
 
     Raises:
@@ -94,16 +97,16 @@ def learn(
     parts.observe(entries, declared, known)
     text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
     load_text(text)  # whatever the names in the logs are, what is drafted can be read
-    alarms = _trial(found, entries)
+    alarms = _trial(found, entries, found.held_back)
     held_back_h = hours(found.held_back)
     each = per_hour / max(1, len(entries.names))
     doubtful = tuple(
         name for name in entries.names if _by_chance(alarms[name], each * held_back_h) < DOUBTFUL
     )
+    _doubt(found, entries, parts.again(known), doubtful, alarms)
     head = _head(robot, found, learned_h, held_back_h, per_hour, entries, sum(alarms.values()))
     trial = {
         name: f"held back: {counted(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
-        + (", more than was meant: it needs more logs, or a look" if name in doubtful else "")
         for name in entries.names
         if found.held_back
     }
@@ -116,8 +119,9 @@ def learn(
         held_back_h,
         per_hour,
         dict(alarms),
-        doubtful,
+        tuple(entries.doubtful),
         found.problems.json(),
+        {} if update is None else _contradicted(found, update),
     )
 
 
@@ -130,6 +134,7 @@ class _Parts:
         self._found = found
         self._live = live
         self._node_of = node_of
+        self._per_hour = per_hour
         learned = found.learned
         topics = [name for name in sorted(found.topics) if name in node_of and name != DIAGNOSTICS]
         pieces = {name: found.topics[name].pieces(learned) for name in topics}
@@ -162,6 +167,18 @@ class _Parts:
     def links(self) -> model.Links:
         """What the topics have to do with each other."""
         return model.Links(self.delays, self.together, self._live, self._found.nodes)
+
+    def again(self, known: frozenset[str]) -> Callable[[], draft.Entries]:
+        """Return what learns all of it once more, with nothing held back."""
+
+        def entries() -> draft.Entries:
+            found = self._found.all_learned
+            parts = _Parts(found, self._node_of, hours(found.learned), self._per_hour, self._live)
+            again = draft.Entries()
+            parts.observe(again, model.Declared(), known)
+            return again
+
+        return entries
 
     def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
         """Add the entries of all that was found, and what the model must declare for them.
@@ -232,7 +249,7 @@ class _Parts:
     def _status(
         self, entries: draft.Entries, declared: model.Declared, taken: set[str], status: StatusFound
     ) -> None:
-        blamed = _to_blame(status)
+        blamed = _to_blame(status, {*self._node_of.values(), *self._found.nodes})
         name = slug(status.name, taken)
         taken.add(name)
         declared.properties[name] = blamed
@@ -249,13 +266,19 @@ class _Parts:
         draft.status_entry(entries, status, name, limits)
 
 
-def _to_blame(status: StatusFound) -> str:
-    """Return the node that a status speaks of: its publisher; else what its name begins with, as
-    diagnostic_updater has it.
+def _to_blame(status: StatusFound, nodes: Collection[str]) -> str:
+    """Return the node that a status speaks of: what its name begins with, as diagnostic_updater has it, in
+    the namespace of its publisher if several are called so; else its publisher.
     """
-    if len(status.publishers) == 1:
-        return status.publishers[0]
-    return "/" + slug(status.name.split(":")[0])
+    named = status.name.split(":")[0].strip().strip("/")
+    alike = [node for node in nodes if node.strip("/") == named]
+    alike = alike or [node for node in nodes if node.rpartition("/")[2] == named]
+    only = status.publishers[0] if len(status.publishers) == 1 else None
+    if len(alike) > 1 and only is not None:
+        alike = [node for node in alike if node.rpartition("/")[0] == only.rpartition("/")[0]]
+    if len(alike) == 1:
+        return alike[0]
+    return only or "/" + slug(named)
 
 
 def _first_s(found: Gathered, topic: str) -> float:
@@ -268,24 +291,63 @@ def _first_s(found: Gathered, topic: str) -> float:
     return float(max(firsts, default=0.0))
 
 
-def _trial(found: Gathered, entries: draft.Entries) -> Counter[str]:
-    """Return the false alarms of each entry over what was held back."""
+def _doubt(
+    found: Gathered,
+    entries: draft.Entries,
+    again: Callable[[], draft.Entries],
+    doubtful: Sequence[str],
+    alarms: Mapping[str, int],
+) -> None:
+    """See to it that what is drafted calls nothing false in its own logs.
+
+    What does is learned again, with what was held back; what does so even then, or did so more often over
+    what was held back than was meant, is left as a comment.
+    """
+    own = _trial(found, entries, found.whole)
+    if not own:
+        return
+    for name in doubtful:
+        entries.doubt(
+            name, f"{counted(alarms[name], 'false alarm')} over what was held back: more than was meant"
+        )
+    others = again()
+    for name in own.keys() - set(doubtful):
+        entries.take(name, others)
+    for name, count in _trial(found, entries, found.whole).items():
+        entries.doubt(name, f"{counted(count, 'false alarm')} in the logs that it was learned from")
+
+
+def _trial(found: Gathered, entries: draft.Entries, stretches: Sequence[Stretch]) -> Counter[str]:
+    """Return the false alarms of each entry over stretches of the logs."""
     alarms: Counter[str] = Counter()
-    if not found.held_back or not entries.names:
+    if not stretches or not entries.names:
         return alarms
-    text = draft.observers_text(entries, [], {})
     handle, name = tempfile.mkstemp(suffix=".yaml", prefix="robomend-learn-")
     file = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        observing = load_observers(file)
+            stream.write(draft.observers_text(entries, [], {}))
+        return _alarms(found, file, stretches)
     finally:
         file.unlink()
+
+
+def _contradicted(found: Gathered, file: Path) -> Mapping[str, int]:
+    """Return the entries of a file that call something of healthy logs false, and how often."""
+    try:
+        return _alarms(found, file, found.whole)
+    except InputError:  # it has no observers yet
+        return {}
+
+
+def _alarms(found: Gathered, file: Path, stretches: Sequence[Stretch]) -> Counter[str]:
+    """Return the false alarms of each entry of a file over stretches of the logs."""
+    observing = load_observers(file)
+    alarms: Counter[str] = Counter()
     of_atom: dict[Atom, str] = {}
     for spec in observing.specs:
         of_atom |= dict.fromkeys(spec.atoms, spec.name)
-    for atom, count in false_alarms(observing, found.names, found.held_back).items():
+    for atom, count in false_alarms(observing, found.names, stretches).items():
         alarms[of_atom[atom]] += count
     return alarms
 

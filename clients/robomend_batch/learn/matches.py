@@ -32,8 +32,8 @@ WINDOW = 5
 """Ticks of a line."""
 
 WAYS = ("trend-trend", "sign-sign")
-LONGEST_MISMATCH = 100
-"""Ticks; who disagrees for longer is not alike."""
+LONGEST_MISMATCH = 25
+"""Ticks; who disagrees for longer is not alike: twice that is what a robot would not notice."""
 
 FEW = 5
 """Mismatches that are no reason to look away from more of the ticks."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from robomend.model.from_graph import is_plumbing, model_from_graph
+from robomend.model.from_graph import is_plumbing, model_from_graph, rests
 from robomend.model.loading import load_text
 from robomend_batch.learn.delays import DelayFound
 from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Topic
 from robomend_batch.learn.words import comment, word
 from robomend_client.literals import holds
-from robomend_client.ros_graph import RosGraph
+from robomend_client.ros_graph import Ear, HeardTopic, RosGraph
 
 REPLAYED = "/play_"
 
@@ -71,7 +71,8 @@ def draft_model(
     own = frozenset(node for found in publishers.values() for node in found)  # the recorder listens to all
     for topic in publishers:
         heard_by = links.live.subscribers.get(f"/{topic}", frozenset())
-        listeners.setdefault(f"/{topic}", set()).update(own & heard_by)
+        resting = {node for node in own & heard_by if _rests(node, topic, topics, publishers)}
+        listeners.setdefault(f"/{topic}", set()).update(resting)
     blamed = frozenset(declared.properties.values()) | nodes.get(DIAGNOSTICS, frozenset())
     if blamed:
         nodes[DIAGNOSTICS] = frozenset(node for node in blamed if not node.startswith(UNNAMED + DIAGNOSTICS))
@@ -82,6 +83,22 @@ def draft_model(
     )
     text = model_from_graph(graph, name, source)
     return text + "".join(f"{line}\n" for line in (*_questions(publishers, links), *_declared(declared)))
+
+
+def _rests(
+    node: str, given: str, topics: Mapping[str, Topic], publishers: Mapping[str, frozenset[str]]
+) -> bool:
+    """Return whether anything that a node publishes may rest on a topic: not on one that never came, nor on
+    one without which all of it went on. So circles of a graph are cut in which nothing flowed.
+    """
+    if not topics[given].count:
+        return False
+    outputs = [topics[name] for name, nodes in publishers.items() if node in nodes and topics[name].count]
+    return not outputs or any(rests(_ear(topics[given]), _ear(one)) is not False for one in outputs)
+
+
+def _ear(topic: Topic) -> HeardTopic:
+    return Ear(time_ns for log in sorted(topic.times) for time_ns in topic.of_log(log).tolist()).heard()
 
 
 def declared_topics(model: str) -> frozenset[str]:

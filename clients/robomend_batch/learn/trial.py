@@ -35,7 +35,7 @@ def _of_log(observing: Observing, path: Path, stretches: Sequence[Stretch]) -> C
         found.update(c.atom for c in changes if c.value is not None and not c.value.positive)
 
     with open_log(path) as recording:
-        wants = Wants(recording.channels, observing.specs, path, Problems(), by_header=False)
+        wants = Wants(recording.channels, observing.specs, path, Problems(), False, observing.names)
         drivers = [
             Driver([spec.make() for spec in wants.specs], stretch.start_ns, lenient=observing.lenient)
             for stretch in stretches

@@ -201,6 +201,8 @@ def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None) -> 
     origin = 4 if cdr else 0  # CDR begins with its kind, and aligns from behind that
     orders = struct.Struct("<" + FORMATS[last]), struct.Struct(">" + FORMATS[last])
     prefix, rest = _fixed(before, cdr)
+    left = None if after is None else _left(after, cdr)
+    padding = 3 if cdr else 0
 
     def read(data: bytes) -> Any:
         big_endian = cdr and not data[1] & 1
@@ -208,7 +210,13 @@ def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None) -> 
         if cdr:
             at = (at + size - 1) & -size
         if after is not None:
-            _check_end(data, at + size, after, cdr)
+            end = at + size
+            if (
+                left is None
+                or not 0 <= len(data) - origin - end - left[end & 7] <= padding
+                or (cdr and data[:2] not in HEADERS)
+            ):
+                _check_end(data, end, after, cdr)
         return orders[big_endian].unpack_from(data, origin + at)[0]
 
     return read
@@ -269,6 +277,19 @@ def _check_end(data: bytes, at: int, after: Steps, cdr: bool) -> None:
     if not 0 <= spare <= (3 if cdr else 0):
         how = f"{spare} bytes longer" if spare > 0 else f"{-spare} bytes shorter"
         raise ValueError(f"it is {how} than its type")
+
+
+def _left(steps: Steps, cdr: bool) -> list[int] | None:
+    """Return how long these steps are, by where they begin (modulo 8); None where that varies."""
+    lengths = []
+    for begin in range(8):
+        at = begin
+        for kind, align, width in steps:
+            if kind != "numbers":
+                return None
+            at = ((at + align - 1) & -align if cdr else at) + width
+        lengths.append(at - begin)
+    return lengths
 
 
 def _fixed(steps: Steps, cdr: bool) -> tuple[int, Steps]:

@@ -1,7 +1,10 @@
-"""`robomend model from-ros`: a first model, from a live graph of ROS 1 or ROS 2, or from a bag."""
+"""`robomend model from-ros`: a first model, from a live graph of ROS 1 or ROS 2, a bag, or files of ROS."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +13,9 @@ import click
 from robomend.errors import BackendError, InputError
 
 if TYPE_CHECKING:  # the command's help needs no client
-    from robomend_client.ros_graph import RosGraph
+    from robomend_client.ros_graph import Heard, RosGraph
+
+FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
 @click.command("from-ros")
@@ -21,21 +26,94 @@ if TYPE_CHECKING:  # the command's help needs no client
 @click.option(
     "--bag", type=click.Path(path_type=Path, exists=True), help="A recording of ROS 1 (.bag): no inputs."
 )
+@click.option("--dump", type=FILE, help="Output of rosnode info or ros2 node info, a .dot of rqt_graph.")
+@click.option(
+    "--launch", type=FILE, multiple=True, help="A launch file: XML, YAML or Python (which is not run)."
+)
+@click.option(
+    "--analyzers", type=FILE, multiple=True, help="Of diagnostic_aggregator: which statuses there are."
+)
 @click.option("--name", default="robot", show_default=True, help="The model's name.")
-def command(ros1: str | None, ros2: int | None, bag: Path | None, name: str) -> None:
-    """Propose a model from a live ROS graph, as commented YAML on standard output.
+def command(
+    ros1: str | None,
+    ros2: int | None,
+    bag: Path | None,
+    dump: Path | None,
+    launch: tuple[Path, ...],
+    analyzers: tuple[Path, ...],
+    name: str,
+) -> None:
+    """Propose a model from a ROS graph, as commented YAML on standard output.
+
+    Launch files and analyzers are put on top of a live graph, a recording or a dump, or stand alone. What
+    they do not say is a question in a comment.
 
     \b
     robomend model from-ros --ros1 http://localhost:11311 > robot.yaml
     robomend model from-ros --ros2 0 > robot.yaml
     robomend model from-ros --bag run.bag --name tedusar
+    robomend model from-ros --launch bringup.launch.py --analyzers analyzers.yaml
     """
-    from robomend.model.from_graph import model_from_graph
+    from robomend.model.from_graph import first_model
+    from robomend.model.graph_sources import model_of_groups, read_dump
+    from robomend_client.ros_graph import Heard, RosGraph
 
-    if [ros1, ros2, bag].count(None) != 2:
-        raise click.UsageError("give one of --ros1, --ros2 and --bag")
-    graph, source = graph_of(ros1, ros2, bag)
-    click.echo(model_from_graph(graph, name, source), nl=False)
+    graphs = [ros1, ros2, bag, dump]
+    if graphs.count(None) < 3 or (graphs.count(None) == 4 and not launch and not analyzers):
+        raise click.UsageError("give one of --ros1, --ros2 and --bag, or --dump, --launch or --analyzers")
+    if dump is not None:
+        heard = Heard(read_dump(_text(dump), str(dump)), f"the dump {dump.name}")
+    elif graphs.count(None) == 3:
+        heard = Heard(*graph_of(ros1, ros2, bag))
+    else:
+        heard = Heard(RosGraph(), ", ".join(file.name for file in (*launch, *analyzers)))
+    heard = with_files(heard, launch, analyzers)
+    if heard.graph.nodes or heard.launched:
+        click.echo(first_model(heard, name).text, nl=False)
+    else:
+        groups = {status: group for file in analyzers for status, group in _groups(file).items()}
+        click.echo(model_of_groups(groups, name, heard.source), nl=False)
+
+
+def with_files(heard: Heard, launch: Iterable[Path], analyzers: Iterable[Path]) -> Heard:
+    """Return what was heard with what launch files and analyzers say; InputError if one cannot be read."""
+    from robomend.model.graph_sources import with_launched, with_statuses
+    from robomend.model.launch_files import read_launch
+
+    for file in launch:
+        launched = read_launch(_text(file), file.name, partial(_included, file))
+        heard = with_launched(heard, launched)
+    for file in analyzers:
+        heard = with_statuses(heard, _groups(file))
+    return heard
+
+
+def _groups(file: Path) -> dict[str, str]:
+    from robomend.model.graph_sources import read_analyzers
+
+    return read_analyzers(_text(file), str(file))
+
+
+def _included(file: Path, name: str) -> str | None:
+    """Return a file that a launch file includes, if it is of the same package, or beside it."""
+    rest = name.removeprefix("./")
+    if found := re.match(r"\[([\w-]+)\]/(.+)", rest):  # a package: the folder that is called so
+        above = next((one for one in file.resolve().parents if one.name == found[1]), None)
+        path = None if above is None else above / found[2]
+    else:
+        path = file.parent / rest
+    if path is None or not path.is_file():
+        path = file.parent / Path(rest).name
+    return _text(path) if path.is_file() else None
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text") from error
 
 
 def graph_of(ros1: str | None, ros2: int | None, bag: Path | None) -> tuple[RosGraph, str]:

@@ -231,7 +231,11 @@ class _Draft:
         self.listened = heard.seconds > 0
         self.graph = _legal(heard.graph)
         gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
-        self.nodes = sorted(node for node in self.graph.nodes - gone if not _is_any_of(node, TOOLS))
+        launched = {name for name in heard.launched if _is_name(name)}
+        # What was looked for and is not there is no component: it would be missed from the first moment on.
+        here = self.graph.nodes or launched
+        self.missing = sorted(launched - here)
+        self.nodes = sorted(node for node in here - gone if not _is_any_of(node, TOOLS))
         if not self.nodes:
             raise InputError(
                 f"{heard.source}: there is no node of the robot's own, of {len(self.graph.nodes)}"
@@ -276,8 +280,9 @@ class _Draft:
             lines += [f"  - {_quoted(rule)}" for rule in rules]
         lines += self._left_out()
         self._ask()
-        if self.listened and self.asked:
-            lines += ["", "# Questions that listening does not answer:"]
+        if self.asked and (self.listened or heard.launched):
+            what = "listening does" if self.listened else "its sources do"
+            lines += ["", f"# Questions that {what} not answer:"]
             lines += [f"#   {comment(question)}" for question in self.asked]
         return FirstModel(
             "\n".join(lines) + "\n",
@@ -326,6 +331,10 @@ class _Draft:
             outputs = sorted(topic for topic, publisher in self.topics.items() if publisher == node)
             listens = (t for t, listeners in self.graph.subscribers.items() if node in listeners)
             inputs = sorted(t for t in listens if t in self.topics and t not in outputs)
+            if node not in self.graph.nodes:
+                launched = comment(self.heard.launched[node])
+                yield f"  {word(node)}: {{}}    # {launched}; what does it publish, and listen to?"
+                continue
             if not outputs:
                 why = "publishes nothing that the model speaks of"
                 heard = f", listens to {', '.join(comment(topic) for topic in inputs)}" if inputs else ""
@@ -386,7 +395,9 @@ class _Draft:
         statuses, blamed = {}, {}
         for status, found in sorted(self.heard.statuses.items()):
             node = self._speaker(status, found.publishers)
-            if node is None:
+            if self.listened and not found.publishers and not found.topic.count:
+                self.asked.append(f"the status {status!r} is expected and did not come: why?")
+            elif node is None:
                 self.asked.append(f"of which node does the status {status!r} speak?")
             elif found.levels != {0}:
                 level = ("OK", "WARN", "ERROR", "STALE")[min(max(found.levels), 3)]
@@ -432,7 +443,7 @@ class _Draft:
 
     def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
         """Return the node that a status speaks of: what its name begins with, or else its publisher."""
-        named = status.partition(":")[0].strip().strip("/")
+        named = status.partition(":")[0].strip().strip("/*")
         ours = [node for node in publishers if node in self.nodes]
         alike = [node for node in self.nodes if node.strip("/") == named]
         alike = alike or [node for node in self.nodes if node.rpartition("/")[2] == named]
@@ -469,6 +480,9 @@ class _Draft:
 
     def _ask(self) -> None:
         """What may have been broken while it was listened is asked."""
+        for node in self.missing:
+            said = self.heard.launched[node]
+            self.asked.append(f"{node.removeprefix('/')} ({said}) is launched and was not there: why?")
         for topic, why in sorted(self.why_not.items()):
             named = topic.removeprefix("/")
             if self._of(topic).latched:

@@ -30,7 +30,8 @@ XML = r"\A\s*(?:<!--[\s\S]*?-->\s*|<[?!][^>]*>\s*)*"
 
 OURS = re.compile(r"^robomend\s*:", re.MULTILINE)
 
-FROM_LAUNCH = "`robomend model from-ros` drafts a model of the running robot; take that"
+FROM_ROS = "`robomend model from-ros` drafts a model of a running robot, or of its launch files"
+FROM_LAUNCH = "`robomend model from-ros --launch FILE` drafts a model of it"
 RECORDING = (
     "a recording is read by `robomend-batch run`, and a first model made of it by `robomend-batch learn`"
 )
@@ -53,19 +54,23 @@ FORMATS = (
         r"^rosbag2_bagfile_information:",
         "name the folder that it is in, or the .mcap or .db3 beside it",
     ),
-    _row("a URDF robot description", XML + r"<robot\b", f"it has links and joints, no nodes. {FROM_LAUNCH}"),
-    _row("an SDF world", XML + r"<sdf\b", f"it has links and joints, no nodes. {FROM_LAUNCH}"),
+    _row("a URDF robot description", XML + r"<robot\b", f"it has links and joints, no nodes. {FROM_ROS}"),
+    _row("an SDF world", XML + r"<sdf\b", f"it has links and joints, no nodes. {FROM_ROS}"),
     _row("a launch file in XML", XML + r"<launch\b", FROM_LAUNCH),
     _row("a launch file in Python", r"\bLaunchDescription\s*\(|def generate_launch_description", FROM_LAUNCH),
     _row("a launch file in YAML", r"^launch:\s*$", FROM_LAUNCH),
-    _row("a package manifest of ROS", XML + r"<package\b", FROM_LAUNCH),
+    _row("a package manifest of ROS", XML + r"<package\b", FROM_ROS),
     _row("an XML file", r"\A\s*<\?xml", "it is none that is read"),
     _row(
         "analyzers of diagnostic_aggregator",
         r"type:\s*['\"]?diagnostic_aggregator/",
-        "they name statuses, no nodes",
+        "`robomend model from-ros --analyzers FILE` drafts a model of its groups",
     ),
-    _row("a graph of Graphviz", r"\A\s*(?:strict\s+)?(?:di)?graph\b[^{]*\{", FROM_LAUNCH),
+    _row(
+        "a graph of Graphviz",
+        r"\A\s*(?:strict\s+)?(?:di)?graph\b[^{]*\{",
+        "of one that rqt_graph has saved, `robomend model from-ros --dump FILE` drafts a model",
+    ),
     _row(
         "a clause list in DIMACS (WCNF, CNF)",
         r"^p\s+w?cnf\s",

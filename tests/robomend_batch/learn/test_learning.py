@@ -134,8 +134,65 @@ def test_a_log_that_was_not_healthy_is_doubted(tmp_path: Path, capsys: pytest.Ca
     log = drives.write(tmp_path / "bad.bag", ROBOT, 6, 240, silent)
     assert learn(log, "-o", tmp_path / "draft", "--quiet") == 0
     assert "doubtful: odom: 1 false alarm over what was held back" in capsys.readouterr().err
-    text = (tmp_path / "draft" / "observers.yaml").read_text()
-    assert "held back: 1 false alarm in 0.0154 h, more than was meant" in text
+    observers = tmp_path / "draft" / "observers.yaml"
+    assert "#   topics: 1 false alarm over what was held back: more than was meant" in observers.read_text()
+    assert "#   odom: {rate_hz: " in observers.read_text()
+    assert "odom" not in {spec.name for spec in load_observers(observers).specs}
+    model = tmp_path / "draft" / "model.yaml"
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    assert not [one for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
+
+
+@pytest.mark.parametrize("seconds", [240, 30])
+def test_a_draft_calls_nothing_of_its_own_logs_faulty(seconds: int, tmp_path: Path) -> None:
+    """Whatever happens in them: pauses, once, at any place."""
+    for seed in range(4):
+        chance = random.Random(seed)
+        at = chance.uniform(0.1, 0.8) * seconds
+        planted = [
+            Planted(kind, node, at, at + chance.uniform(0.5, 0.15 * seconds))
+            for kind, node in (("silent", "base_node"), ("slow", "lidar_node"), ("late", "mapper"))
+        ]
+        log = drives.write(tmp_path / f"{seed}.bag", ROBOT, seed, seconds, planted)
+        draft = Draft(tmp_path / str(seed))
+        assert learn(log, "-o", draft.folder, "--quiet") == 0
+        out = tmp_path / f"out{seed}"
+        assert batch_run(out, log, "--observers", draft.observers, model=draft.model) == 0
+        assert not [one for one in intervals(out) if one["state"] == "faulty"]
+
+
+def test_a_draft_of_a_public_bag_calls_nothing_of_it_faulty(tmp_path: Path) -> None:
+    bag = Path(__file__).parents[1] / "data" / "turtlesim-lz4.bag"
+    draft = Draft(tmp_path / "draft")
+    assert learn(bag, "-o", draft.folder, "--quiet") == 0
+    assert batch_run(tmp_path / "out", bag, "--observers", draft.observers, model=draft.model) == 0
+    found = intervals(tmp_path / "out")
+    assert {one["state"] for one in found} <= {"healthy", "unknown"}
+    assert sum(one["end_ns"] - one["start_ns"] for one in found if one["state"] == "healthy") > 15 * SECOND
+
+
+def test_what_an_old_file_says_and_the_logs_contradict_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = drives.write(tmp_path / "good.bag", ROBOT, 1, 60)
+    file = tmp_path / "agent.yaml"
+    file.write_text(
+        "topics:\n  scan: {rate_hz: 50, tolerance_hz: 1}\n  odom: {rate_hz: 8, tolerance_hz: 4}\n"
+    )
+    assert learn(log, "--update", file, "--quiet") == 0
+    said = capsys.readouterr().err
+    assert "contradicted: scan: 1 false alarm in logs of a healthy robot" in said
+    assert "contradicted: odom" not in said
+
+
+def test_a_node_whose_name_is_another_at_each_start_is_one(tmp_path: Path) -> None:
+    logs = []
+    for number, name in enumerate(("teleop_30719_1739203333671", "teleop_4411_1739203999671")):
+        robot = Robot("r", (Source(name, "cmd", 10.0, 0.001, 0, 0.3, False, True),), name, 45.0)
+        logs.append(drives.write(tmp_path / f"{number}.bag", robot, number, 60))
+    assert learn(*logs, "-o", tmp_path / "draft", "--quiet") == 0
+    assert "teleop" in load_model(tmp_path / "draft" / "model.yaml").cnf.components
+    assert "  cmd: {rate_hz: " in (tmp_path / "draft" / "observers.yaml").read_text()
 
 
 def test_a_recording_that_names_no_publisher_asks_for_them(tmp_path: Path) -> None:
