@@ -71,16 +71,16 @@ SLOWER, FASTER = 0.4, 0.6
 """Of the rate: how far it may stray."""
 
 WINDOW_S, LEAST_WINDOW = 3.0, 10
-VERDICT_S = 3.0
-"""A first verdict takes no longer, if more than one interval fits in there."""
+VERDICT_S = 2.5
+"""So much of a topic a first verdict rests on, and no less than an interval."""
 
 SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 1.0, 10, 3
 LONGEST_SILENCE_S = 60.0
 IRREGULAR = 100.0
 """Usual intervals that silence may last, and LONGEST_SILENCE_S: what bursts more is not watched."""
 
-UNEVEN = 0.6
-"""A median interval that is less of the mean one: its messages come in bursts, and only silence is told."""
+SEEN = 0.25
+"""Beyond the slowest and the fastest that was seen of a healthy robot, as on a busy computer."""
 
 LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 3.0, 10, 3
 """An output that went on, for so many messages, through such a pause of an input does not rest on it."""
@@ -172,23 +172,38 @@ def steady(heard: HeardTopic, ended_ns: int) -> Steady | str:
     silence_s = max(SILENCE_S, SILENCE_INTERVALS / rate_hz, SILENCE_GAPS * heard.longest_s)
     if silence_s > max(LONGEST_SILENCE_S, IRREGULAR * usual_s):
         return f"irregular: usually {usual_s:.3g} s apart, and up to {heard.longest_s:.3g} s"
-    uneven = usual_s * rate_hz < UNEVEN
     window = min(max(LEAST_WINDOW, ceil(WINDOW_S * rate_hz)), 10_000)
     pause_s = max(WINDOW_S / 4, 4 / rate_hz)
+    slowest_hz, fastest_hz = _extremes(heard.stamps, window, pause_s) or (rate_hz, rate_hz)
+    lowest_hz = min((1 - SLOWER) * rate_hz, (1 - SEEN) * slowest_hz)
+    highest_hz = max((1 + FASTER) * max(rate_hz, 1 / usual_s), (1 + SEEN) * fastest_hz)
     why = (
         f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median {_s(usual_s)}, "
-        f"longest {_s(heard.longest_s)}" + ("; they come in bursts: only silence is told" if uneven else "")
+        f"longest {_s(heard.longest_s)}; windows of {window}: {slowest_hz:.3g} to {fastest_hz:.3g} Hz"
     )
     return Steady(
         rate_hz,
-        (0.95 if uneven else SLOWER) * rate_hz,
-        (20 if uneven else FASTER) * rate_hz,
+        rate_hz - lowest_hz,
+        highest_hz - rate_hz,
         window,
-        max(1, min(5, int(VERDICT_S * rate_hz))),
+        max(1, min(window - 1, int(VERDICT_S * rate_hz))),
         silence_s,
-        pause_s if pause_s < silence_s and not uneven else None,
+        pause_s if pause_s < silence_s else None,
         why,
     )
+
+
+def _extremes(stamps: tuple[int, ...], window: int, pause_s: float) -> tuple[float, float] | None:
+    """Return the slowest and the fastest rate of windows of so many messages, in which longer intervals count
+    as a pause; None: there is no such window.
+    """
+    counted_ns = [0]
+    for early, late in pairwise(stamps):
+        counted_ns.append(counted_ns[-1] + min(late - early, round(pause_s * 1e9)))
+    spans = [late - early for early, late in zip(counted_ns, counted_ns[window - 1 :], strict=False)]
+    if not spans:
+        return None
+    return (window - 1) * 1e9 / max(spans), (window - 1) * 1e9 / max(min(spans), max(spans) // 100, 1)
 
 
 def rests(given: HeardTopic, output: HeardTopic) -> bool | None:

@@ -44,6 +44,7 @@ class Described:
     board: tuple[str, int] | None = None  # host, port
     url: str = URL
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+    policy: str = "approve"
     bus: str | None = None  # where the agent's is; None: in its own folder
     heard: Heard | None = None  # where a robot was listened to, or its graph read
 
@@ -206,8 +207,7 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     lines = [
         f"# For robomend robot put {said.robot} robot.yaml --model {model_file(said.robot)}: docs/http.md.",
         f"model: {said.robot}",
-        f"policy: {'observe' if heard else 'approve'}               "
-        "# observe: never act; approve: a person says yes; auto",
+        f"policy: {said.policy}               # observe: never act; approve: a person says yes; auto",
     ]
     if heard and first is not None:
         lines.append(
