@@ -224,6 +224,19 @@ def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_abo
     load_text(made.text)
 
 
+def test_no_topic_counts_as_silent_before_what_it_rests_on() -> None:
+    paused = Ear([*came(20, 30).stamps, *came(20, 28, first_s=32).stamps]).heard()
+    nodes = {
+        "/base": (["/odom"], list[str]()),
+        "/ekf": (["/pose"], ["/odom"]),
+        "/plan": (["/path"], ["/pose"]),
+    }
+    topics = {"/odom": paused, "/pose": came(20), "/path": came(20)}
+    watched = first_model(heard(topics, nodes), "rover").watched
+    assert watched["odom"].silence_s == pytest.approx(3 * 2.05)
+    assert watched["path"].silence_s == watched["pose"].silence_s == watched["odom"].silence_s
+
+
 def test_what_nodes_say_of_themselves_is_theirs() -> None:
     nodes: dict[str, tuple[list[str], list[str]]] = {
         "/imu": (["/imu/data"], []),

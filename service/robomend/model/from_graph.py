@@ -85,6 +85,9 @@ SEEN = 0.25
 LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 3.0, 10, 3
 """An output that went on, for so many messages, through such a pause of an input does not rest on it."""
 
+LONGEST_CHAIN = 50
+"""Topics, one resting on the other: so far their silences are put in order."""
+
 MANY_INPUTS = 4
 """Of a node that listens to more, only what its times show is believed, if they show any."""
 
@@ -257,6 +260,8 @@ class _Draft:
         self.why_not = {topic: one for topic, one in found.items() if isinstance(one, str)}
         self.asked: list[str] = []
         self.gone = gone
+        self.rests_on = {topic: self._inputs(node, topic) for topic, node in self.topics.items()}
+        self._wait_for_causes()
 
     def made(self) -> FirstModel:
         heard = self.heard
@@ -320,8 +325,26 @@ class _Draft:
     def _kind(self, topic: str) -> str:
         return self.graph.types.get(topic, "").rpartition("/")[2]
 
-    def _inputs(self, node: str, output: str, inputs: list[str]) -> list[str]:
+    def _listens(self, node: str) -> list[str]:
+        """Return the topics of others that a node listens to."""
+        heard = (topic for topic, listeners in self.graph.subscribers.items() if node in listeners)
+        return sorted(topic for topic in heard if self.topics.get(topic, node) != node)
+
+    def _wait_for_causes(self) -> None:
+        """Have no topic count as silent before what it rests on does: the cause is to be seen first."""
+        for _ in range(LONGEST_CHAIN):
+            changed = False
+            for topic, found in self.steady.items():
+                causes = [self.steady[one].silence_s for one in self.rests_on[topic] if one in self.steady]
+                if max(causes, default=0.0) > found.silence_s:
+                    self.steady[topic] = replace(found, silence_s=max(causes))
+                    changed = True
+            if not changed:
+                return
+
+    def _inputs(self, node: str, output: str) -> list[str]:
         """Return what an output rests on, of what its node listens to."""
+        inputs = self._listens(node)
         if not self.listened:
             return inputs
         if output not in self.steady:
@@ -339,14 +362,13 @@ class _Draft:
     def _nodes(self) -> Iterator[str]:
         for node in self.nodes:
             outputs = sorted(topic for topic, publisher in self.topics.items() if publisher == node)
-            listens = (t for t, listeners in self.graph.subscribers.items() if node in listeners)
-            inputs = sorted(t for t in listens if t in self.topics and t not in outputs)
+            inputs = self._listens(node)
             if not outputs:
                 why = "publishes nothing that the model speaks of"
                 heard = f", listens to {', '.join(comment(topic) for topic in inputs)}" if inputs else ""
                 yield f"  {word(node)}: {{}}    # {why}{heard}"
                 continue
-            rests_on = {topic: self._inputs(node, topic, inputs) for topic in outputs}
+            rests_on = {topic: self.rests_on[topic] for topic in outputs}
             if not inputs:
                 hint = "listens to nothing: probably a driver; of which device?"
                 if any(topic in self.steady for topic in outputs):
