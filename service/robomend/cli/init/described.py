@@ -25,7 +25,7 @@ DEFAULT_RATE_HZ = 10.0
 URL = "http://127.0.0.1:8600"
 
 OBSERVED_S = 5.0
-"""A topic whose first verdict takes longer is watched, and not waited for."""
+"""A topic whose silence, and so its first good verdict, takes longer is watched, and not waited for."""
 
 STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
@@ -213,7 +213,7 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
         lines.append(
             "debounce_s: 1                 # what follows from a fault comes a moment after it, or before"
         )
-        quick = [t for t, steady in first.watched.items() if steady.settle <= OBSERVED_S * steady.rate_hz]
+        quick = [topic for topic, steady in first.watched.items() if steady.silence_s <= OBSERVED_S]
         observed = [str(holds("ok", name)) for name in (*quick, *first.statuses)]
         observed += [str(holds("running", node)) for node in first.nodes if said.origin]
     else:
