@@ -556,7 +556,8 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
 
     bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
     heard = with_files(heard, wanted.launch, wanted.analyzers)
-    texts = files_of(Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus))
+    said = Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus, policy="observe")
+    texts = files_of(said)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
     written = {}
     try:

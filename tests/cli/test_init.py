@@ -122,7 +122,7 @@ def test_a_graph_of_ros_gives_model_agent_and_configuration(
         rates_hz={"/scan": 20.0},
     )
     monkeypatch.setattr("robomend.cli.model_from_ros._ros2_graph", lambda domain: graph)
-    assert init("init", "robot", "rover", "--ros2", "7", folder=tmp_path) == 0
+    assert init("init", "robot", "rover", "--ros2", "7", "--seconds", "0", folder=tmp_path) == 0
     parts = load_model(tmp_path / "rover.yaml").parts
     assert parts is not None
     assert parts.nodes["mapper"].publishes == {"map": ("scan",)}

@@ -173,6 +173,17 @@ async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp
         assert not [one for one in said if "report" in one]
 
 
+async def test_a_topic_that_is_silent_by_design_is_missed_by_nobody(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        await put(runtime, observed=["ok(odom)"])
+        quiet = MODEL + "topics: {map: {silent: true}}\n"
+        await runtime.robots.models.put("small", quiet, format=None, expected="*", by="test")
+        said = list(await runtime.repairs.findings("r1"))
+    assert [one for one in said if "nobody would notice" in one] == [
+        "topic scan: not in `observed`, and never reported; nobody would notice their silence"
+    ]
+
+
 async def test_what_a_new_model_or_new_settings_have_lost_is_named(tmp_path: Path) -> None:
     program = {"executor": {"kind": "process", "options": {"program": "start"}}}
     async with service(tmp_path) as runtime:

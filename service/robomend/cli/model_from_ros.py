@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from collections.abc import Iterable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +15,12 @@ import click
 from robomend.errors import BackendError, InputError
 
 if TYPE_CHECKING:  # the command's help needs no client
+    from robomend_client.bridges.hearing import Hearing
     from robomend_client.ros_graph import Heard, RosGraph
 
 FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
+FOUND_S = 3.0
+"""Who is there is found within so long, before the listening begins."""
 
 
 @click.command("from-ros")
@@ -34,6 +39,13 @@ FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
     "--analyzers", type=FILE, multiple=True, help="Of diagnostic_aggregator: which statuses there are."
 )
 @click.option("--name", default="robot", show_default=True, help="The model's name.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0, 86400),
+    default=0,
+    show_default=True,
+    help="Listen for so long, for rates and for what rests on what.",
+)
 def command(
     ros1: str | None,
     ros2: int | None,
@@ -42,6 +54,7 @@ def command(
     launch: tuple[Path, ...],
     analyzers: tuple[Path, ...],
     name: str,
+    seconds: float,
 ) -> None:
     """Propose a model from a ROS graph, as commented YAML on standard output.
 
@@ -64,7 +77,7 @@ def command(
     if dump is not None:
         heard = Heard(read_dump(_text(dump), str(dump)), f"the dump {dump.name}")
     elif graphs.count(None) == 3:
-        heard = Heard(*graph_of(ros1, ros2, bag))
+        heard = heard_from(ros1, ros2, bag, seconds)
     else:
         heard = Heard(RosGraph(), ", ".join(file.name for file in (*launch, *analyzers)))
     heard = with_files(heard, launch, analyzers)
@@ -114,6 +127,45 @@ def _text(file: Path) -> str:
         raise InputError(f"{file} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{file} is not UTF-8 text") from error
+
+
+def heard_from(ros1: str | None, ros2: int | None, bag: Path | None, seconds: float) -> Heard:
+    """Return what was heard of a running robot in so many seconds; of 0, and of a recording, the graph alone.
+
+    Raises:
+        InputError, BackendError: it cannot be read; with what to install where that is why.
+    """
+    from robomend_client.ros_graph import Heard
+
+    if not seconds or bag is not None:
+        return Heard(*graph_of(ros1, ros2, bag))
+    if ros1 is not None:
+        graph_of(ros1, None, None)  # whether it is there
+    try:
+        if ros2 is not None:
+            import_module("robomend_client.bridges.ros2.dds")
+        from robomend_client.bridges.hearing import Ros1Hearing, Ros2Hearing
+    except ImportError as error:
+        extra = "ros1" if ros2 is None else "ros2"
+        why = f"listening needs what is installed with: pip install 'robomend-client[{extra}]'"
+        raise BackendError(why) from error
+    return asyncio.run(_listened(Ros2Hearing(ros2) if ros2 is not None else Ros1Hearing(ros1 or ""), seconds))
+
+
+async def _listened(hearing: Hearing, seconds: float) -> Heard:
+    task = asyncio.create_task(hearing.run())
+    try:
+        await asyncio.wait({task}, timeout=FOUND_S)
+        hearing.begin()
+        await asyncio.wait({task}, timeout=seconds)
+        if task.done():
+            task.result()
+        return hearing.heard()
+    except Exception as error:
+        raise BackendError(f"it cannot be listened to: {error}") from error
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 def graph_of(ros1: str | None, ros2: int | None, bag: Path | None) -> tuple[RosGraph, str]:

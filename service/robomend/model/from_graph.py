@@ -71,19 +71,22 @@ SLOWER, FASTER = 0.4, 0.6
 """Of the rate: how far it may stray."""
 
 WINDOW_S, LEAST_WINDOW = 3.0, 10
-VERDICT_S = 3.0
-"""A first verdict takes no longer, if more than one interval fits in there."""
+VERDICT_S = 2.5
+"""So much of a topic a first verdict rests on, and no less than an interval."""
 
 SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 1.0, 10, 3
 LONGEST_SILENCE_S = 60.0
 IRREGULAR = 100.0
 """Usual intervals that silence may last, and LONGEST_SILENCE_S: what bursts more is not watched."""
 
-UNEVEN = 0.6
-"""A median interval that is less of the mean one: its messages come in bursts, and only silence is told."""
+SEEN = 0.25
+"""Beyond the slowest and the fastest that was seen of a healthy robot, as on a busy computer."""
 
 LONG_GAP_S, LONG_GAP_INTERVALS, WENT_ON = 3.0, 10, 3
 """An output that went on, for so many messages, through such a pause of an input does not rest on it."""
+
+LONGEST_CHAIN = 50
+"""Topics, one resting on the other: so far their silences are put in order."""
 
 MANY_INPUTS = 4
 """Of a node that listens to more, only what its times show is believed, if they show any."""
@@ -172,23 +175,38 @@ def steady(heard: HeardTopic, ended_ns: int) -> Steady | str:
     silence_s = max(SILENCE_S, SILENCE_INTERVALS / rate_hz, SILENCE_GAPS * heard.longest_s)
     if silence_s > max(LONGEST_SILENCE_S, IRREGULAR * usual_s):
         return f"irregular: usually {usual_s:.3g} s apart, and up to {heard.longest_s:.3g} s"
-    uneven = usual_s * rate_hz < UNEVEN
     window = min(max(LEAST_WINDOW, ceil(WINDOW_S * rate_hz)), 10_000)
     pause_s = max(WINDOW_S / 4, 4 / rate_hz)
+    slowest_hz, fastest_hz = _extremes(heard.stamps, window, pause_s) or (rate_hz, rate_hz)
+    lowest_hz = min((1 - SLOWER) * rate_hz, (1 - SEEN) * slowest_hz)
+    highest_hz = max((1 + FASTER) * max(rate_hz, 1 / usual_s), (1 + SEEN) * fastest_hz)
     why = (
         f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median {_s(usual_s)}, "
-        f"longest {_s(heard.longest_s)}" + ("; they come in bursts: only silence is told" if uneven else "")
+        f"longest {_s(heard.longest_s)}; windows of {window}: {slowest_hz:.3g} to {fastest_hz:.3g} Hz"
     )
     return Steady(
         rate_hz,
-        (0.95 if uneven else SLOWER) * rate_hz,
-        (20 if uneven else FASTER) * rate_hz,
+        rate_hz - lowest_hz,
+        highest_hz - rate_hz,
         window,
-        max(1, min(5, int(VERDICT_S * rate_hz))),
+        max(1, min(window - 1, int(VERDICT_S * rate_hz))),
         silence_s,
-        pause_s if pause_s < silence_s and not uneven else None,
+        pause_s if pause_s < silence_s else None,
         why,
     )
+
+
+def _extremes(stamps: tuple[int, ...], window: int, pause_s: float) -> tuple[float, float] | None:
+    """Return the slowest and the fastest rate of windows of so many messages, in which longer intervals count
+    as a pause; None: there is no such window.
+    """
+    counted_ns = [0]
+    for early, late in pairwise(stamps):
+        counted_ns.append(counted_ns[-1] + min(late - early, round(pause_s * 1e9)))
+    spans = [late - early for early, late in zip(counted_ns, counted_ns[window - 1 :], strict=False)]
+    if not spans:
+        return None
+    return (window - 1) * 1e9 / max(spans), (window - 1) * 1e9 / max(min(spans), max(spans) // 100, 1)
 
 
 def rests(given: HeardTopic, output: HeardTopic) -> bool | None:
@@ -246,6 +264,8 @@ class _Draft:
         self.why_not = {topic: one for topic, one in found.items() if isinstance(one, str)}
         self.asked: list[str] = []
         self.gone = gone
+        self.rests_on = {topic: self._inputs(node, topic) for topic, node in self.topics.items()}
+        self._wait_for_causes()
 
     def made(self) -> FirstModel:
         heard = self.heard
@@ -310,8 +330,26 @@ class _Draft:
     def _kind(self, topic: str) -> str:
         return self.graph.types.get(topic, "").rpartition("/")[2]
 
-    def _inputs(self, node: str, output: str, inputs: list[str]) -> list[str]:
+    def _listens(self, node: str) -> list[str]:
+        """Return the topics of others that a node listens to."""
+        heard = (topic for topic, listeners in self.graph.subscribers.items() if node in listeners)
+        return sorted(topic for topic in heard if self.topics.get(topic, node) != node)
+
+    def _wait_for_causes(self) -> None:
+        """Have no topic count as silent before what it rests on does: the cause is to be seen first."""
+        for _ in range(LONGEST_CHAIN):
+            changed = False
+            for topic, found in self.steady.items():
+                causes = [self.steady[one].silence_s for one in self.rests_on[topic] if one in self.steady]
+                if max(causes, default=0.0) > found.silence_s:
+                    self.steady[topic] = replace(found, silence_s=max(causes))
+                    changed = True
+            if not changed:
+                return
+
+    def _inputs(self, node: str, output: str) -> list[str]:
         """Return what an output rests on, of what its node listens to."""
+        inputs = self._listens(node)
         if not self.listened:
             return inputs
         if output not in self.steady:
@@ -329,8 +367,7 @@ class _Draft:
     def _nodes(self) -> Iterator[str]:
         for node in self.nodes:
             outputs = sorted(topic for topic, publisher in self.topics.items() if publisher == node)
-            listens = (t for t, listeners in self.graph.subscribers.items() if node in listeners)
-            inputs = sorted(t for t in listens if t in self.topics and t not in outputs)
+            inputs = self._listens(node)
             if node not in self.graph.nodes:
                 launched = comment(self.heard.launched[node])
                 yield f"  {word(node)}: {{}}    # {launched}; what does it publish, and listen to?"
@@ -340,7 +377,7 @@ class _Draft:
                 heard = f", listens to {', '.join(comment(topic) for topic in inputs)}" if inputs else ""
                 yield f"  {word(node)}: {{}}    # {why}{heard}"
                 continue
-            rests_on = {topic: self._inputs(node, topic, inputs) for topic in outputs}
+            rests_on = {topic: self.rests_on[topic] for topic in outputs}
             if not inputs:
                 hint = "listens to nothing: probably a driver; of which device?"
                 if any(topic in self.steady for topic in outputs):

@@ -220,6 +220,7 @@ def _unobserved(state: Robot) -> Iterator[str]:
         topic
         for topic in publishers_of(parts)
         if (atom := Atom("ok", (topic,))) not in observed and state.obs.get(atom) is None
+        if topic not in parts.topics or not parts.topics[topic].silent
     ]
     if topics:
         yield (

@@ -25,7 +25,7 @@ DEFAULT_RATE_HZ = 10.0
 URL = "http://127.0.0.1:8600"
 
 OBSERVED_S = 5.0
-"""A topic whose first verdict takes longer is watched, and not waited for."""
+"""A topic whose silence, and so its first good verdict, takes longer is watched, and not waited for."""
 
 STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
@@ -44,6 +44,7 @@ class Described:
     board: tuple[str, int] | None = None  # host, port
     url: str = URL
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+    policy: str = "approve"
     bus: str | None = None  # where the agent's is; None: in its own folder
     heard: Heard | None = None  # where a robot was listened to, or its graph read
 
@@ -206,14 +207,13 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     lines = [
         f"# For robomend robot put {said.robot} robot.yaml --model {model_file(said.robot)}: docs/http.md.",
         f"model: {said.robot}",
-        f"policy: {'observe' if heard else 'approve'}               "
-        "# observe: never act; approve: a person says yes; auto",
+        f"policy: {said.policy}               # observe: never act; approve: a person says yes; auto",
     ]
     if heard and first is not None:
         lines.append(
             "debounce_s: 1                 # what follows from a fault comes a moment after it, or before"
         )
-        quick = [t for t, steady in first.watched.items() if steady.settle <= OBSERVED_S * steady.rate_hz]
+        quick = [topic for topic, steady in first.watched.items() if steady.silence_s <= OBSERVED_S]
         observed = [str(holds("ok", name)) for name in (*quick, *first.statuses)]
         observed += [str(holds("running", node)) for node in first.nodes if said.origin]
     else:

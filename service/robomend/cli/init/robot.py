@@ -35,6 +35,13 @@ ROBOT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 @click.option("--ros1", metavar="URI", help="Read the graph of a ROS 1 master instead.")
 @click.option("--ros2", metavar="DOMAIN", type=click.IntRange(0, 232), help="Read a ROS 2 domain instead.")
 @click.option("--bag", type=click.Path(path_type=Path, exists=True), help="Read a recording (.bag) instead.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0, 86400),
+    default=20,
+    show_default=True,
+    help="Listen for so long to --ros1 or --ros2; 0: its graph alone.",
+)
 def command(
     robot: str | None,
     folder: Path,
@@ -49,10 +56,12 @@ def command(
     ros1: str | None,
     ros2: int | None,
     bag: Path | None,
+    seconds: float,
 ) -> None:
     """Write the model, the agent's file and the configuration of ROBOT, which fit together.
 
-    Without --node it asks. With --ros1, --ros2 or --bag the model comes from that graph.
+    Without --node it asks. With --ros1, --ros2 or --bag the model comes from there; `robomend attach` does
+    the rest as well.
 
     \b
     robomend init robot walker
@@ -81,7 +90,7 @@ def command(
         raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most)")
     said = Described(robot)
     if graph:
-        _from_ros(said, ros1, ros2, bag)
+        _from_ros(said, ros1, ros2, bag, seconds)
     elif asks:
         _ask(said)
     else:
@@ -112,11 +121,10 @@ def command(
     )
 
 
-def _from_ros(said: Described, ros1: str | None, ros2: int | None, bag: Path | None) -> None:
-    from robomend.cli.model_from_ros import graph_of
-    from robomend_client.ros_graph import Heard
+def _from_ros(said: Described, ros1: str | None, ros2: int | None, bag: Path | None, seconds: float) -> None:
+    from robomend.cli.model_from_ros import heard_from
 
-    said.heard = Heard(*graph_of(ros1, ros2, bag))
+    said.heard = heard_from(ros1, ros2, bag, seconds)
     said.origin = (
         {"ros2": {"domain": ros2}} if ros2 is not None else {"ros1": {"master": ros1} if ros1 else {}}
     )
