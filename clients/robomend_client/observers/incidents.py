@@ -101,6 +101,6 @@ def for_s(nanoseconds: int) -> str:
     """Return a span as people say it: 2.1 s, 3 min, 4 h, 2 days."""
     seconds = nanoseconds / SECOND
     for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
-        if seconds >= 2 * size:
+        if round(seconds / size) > 1:
             return f"{seconds / size:.0f} {name}"
     return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
