@@ -34,6 +34,8 @@ class Incidents:
 
     period_ns = 0
     detection_s = 1.0
+    bears_lapses = True
+    """What has happened is not undone by a while in which nobody looked, up to half of `hold_s`."""
 
     def __init__(self, atom: str, least: int, hold_s: float) -> None:
         """`least` incidents within `hold_s`, and nothing good between them, are bad."""
