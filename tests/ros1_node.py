@@ -172,7 +172,8 @@ class Node:
         told: list[int] = []
         client.send_goal(goal, feedback_cb=lambda message: told.append(message.feedback))
         if "cancel" in line:
-            while not told:
+            deadline = time.monotonic() + 2  # a feedback may be lost: nobody had subscribed yet
+            while not told and time.monotonic() < deadline:
                 time.sleep(0.01)
             client.cancel_goal()
         client.wait_for_result(rospy.Duration(30))

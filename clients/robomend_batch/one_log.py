@@ -214,6 +214,7 @@ class _Log:
             "segments": self.track.segment + 1,
             "intervals": dict(sorted(self.parts.intervals.items())),
             "span_ns": dict(sorted(self.parts.span_ns.items())),
+            "readings": self.words.readings,
             "problems": problems,
             "parts": list(self.files.written),
         }
@@ -231,6 +232,7 @@ def refused(name: str, kind: str | None, problems: Problems, state: str = "refus
         "segments": 0,
         "intervals": {},
         "span_ns": {},
+        "readings": [],
         "problems": problems.json(),
         "parts": [],
     }

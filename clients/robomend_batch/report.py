@@ -26,6 +26,9 @@ NAMED = 1000
 OPEN, TIMELINES = 100, 2000
 """Timelines that are open, and all of them: those of the longest faults come first."""
 
+READINGS = 20
+"""Of a log, beside its timeline."""
+
 DRAWN_BYTES = 64 << 20
 """Of timelines together."""
 
@@ -256,10 +259,22 @@ def _timelines(results: Results, faulty: Sequence[Record]) -> list[str]:
         left -= len(drawn)
         if left < 0:
             break
+        drawn += _readings(record)
         opened = " open" if number < OPEN else ""
         title = f"<summary><b>{escape(record['log'])}</b></summary>"
         found.append(f"<details id='log{number}'{opened}>{title}{drawn}</details>")
     return found
+
+
+def _readings(record: Record) -> str:
+    """Return what was measured where literals turned bad, the first ones."""
+    found = record.get("readings") or []
+    lines = "".join(
+        f"<li>{escape(moment(one['time_ns']))} {escape(one['literal'])}: {escape(one['reading'])}</li>"
+        for one in found[:READINGS]
+    )
+    more = _rest(len(found) - READINGS, "more are in <code>logs.ndjson</code>")
+    return f"<ul class='muted'>{lines}</ul>{more}" if lines else ""
 
 
 def draw(record: Record, intervals: Iterable[Interval], components: Sequence[str]) -> str:

@@ -7,6 +7,8 @@ literal: the rest is numbers.
 
 from __future__ import annotations
 
+from typing import Any
+
 from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.vocabulary import SYMMETRIC, TRENDS, Vocabulary
@@ -14,8 +16,13 @@ from robomend.observations.language import Unknown, parse
 from robomend.observations.obs import MAX_ATOMS, consequences
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.literals import Atom, Literal
+from robomend_client.observers import Change
+from robomend_client.readings import Reading
 
 TRUE, FALSE, UNKNOWN = 1, 0, -1
+
+MOST_READINGS = 200
+"""Of a log."""
 
 Setting = tuple[int, int]
 """A sensor, and TRUE, FALSE or UNKNOWN."""
@@ -30,6 +37,16 @@ class Words:
         self._problems = problems
         self._sensor: dict[Atom, int] = {}
         self._said: dict[str, tuple[Setting, ...]] = {}
+        self.readings: list[dict[str, Any]] = []
+        """What was measured where observers said that something turned bad; the first MOST_READINGS."""
+
+    def measured(self, change: Change) -> None:
+        """Note what an observer measured as it turned bad."""
+        if len(self.readings) < MOST_READINGS and change.reading is not None:
+            told = Reading.from_json(change.reading.as_json())
+            self.readings.append(
+                {"time_ns": change.time_ns, "literal": str(change.value), "reading": str(told)}
+            )
 
     @property
     def sensors(self) -> tuple[Atom, ...]:

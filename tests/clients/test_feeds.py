@@ -71,7 +71,30 @@ def test_usage_is_measured_for_a_node_with_all_that_it_started_and_for_the_host(
     assert set(usage.measure({})) == {"host:CPU", "host:Mem"}
 
 
-@pytest.mark.parametrize("source", ["processes:CPU", "host:CPU(n)", "host:Disk", "processes:CPU(other)"])
+def test_waiting_for_a_processor_is_the_part_of_the_time_in_which_somebody_did(tmp_path: Path) -> None:
+    (tmp_path / "pressure").mkdir()
+    file = tmp_path / "pressure" / "cpu"
+    usage = Usage(["host:Wait"], [], tmp_path)
+    assert usage.measure({}) == {}  # a kernel that does not say
+    total_us, found = 0, []
+
+    def half() -> bool:
+        nonlocal total_us
+        total_us += 10**12
+        file.write_text(f"some avg10=0.00 avg60=0.00 avg300=0.00 total={total_us}\nfull total=0\n")
+        found.append(usage.measure({}))
+        return len(found) > 2
+
+    eventually(half, "measurements")
+    assert found[0] == {}
+    assert found[1:] == [{"host:Wait": 1.0}, {"host:Wait": 1.0}]  # never more than all of it
+    file.write_text(f"some avg10=0.00 avg60=0.00 avg300=0.00 total={total_us}\n")
+    assert usage.measure({}) == {"host:Wait": 0.0}
+
+
+@pytest.mark.parametrize(
+    "source", ["processes:CPU", "host:CPU(n)", "host:Disk", "processes:CPU(other)", "processes:Wait(n)"]
+)
 def test_what_cannot_be_measured_is_refused(source: str) -> None:
     with pytest.raises(ValueError, match=r"is no source|no process other"):
         Usage([source], ["n"])

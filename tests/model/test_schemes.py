@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.diagnosis.engines import make_engine
 from robomend.model.cnf import HealthCnf, Output
 from robomend.model.compiling import compile_robot
 from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.loading import load_text
 from robomend.model.schemes import outputs
+from robomend.observations.language import parse
 from robomend_client.literals import holds
 
 Words = frozenset[str]
@@ -184,3 +186,38 @@ def test_related_values_give_one_clause_whatever_their_order(order: str) -> None
         f"values: {{x: {{topic: t, field: f}}, y: {{topic: u, field: f}}}}\nrelated: {order}"
     ).cnf
     assert words(found).count(clause("ab(a)", "ab(b)", "matched(x,y)")) == 1
+
+
+LOADED = """
+hardware: {pc: {computer: true}, cam: {channel: 1}}
+nodes:
+  camera: {drives: [cam], publishes: {image: []}, host: pc}
+  slam: {publishes: {map: [image]}, host: pc}
+  gps_driver: {publishes: {gps: []}, host: other}
+"""
+
+
+@pytest.mark.parametrize(
+    ("seen", "blamed"),
+    [
+        (["not ok(load,pc)", "not ok(image)", "not ok(map)"], [{"pc"}]),
+        (["ok(load,pc)", "not ok(image)", "not ok(map)"], [{"camera"}, {"cam"}]),
+        (["not ok(map)", "ok(image)"], [{"pc"}, {"slam"}]),
+        (["not ok(load,pc)", "not ok(gps)"], [{"pc", "gps_driver"}]),
+        (["ok(load,pc)", "ok(image)"], [set()]),
+    ],
+)
+def test_what_is_late_on_an_overloaded_computer_is_the_fault_of_the_computer(
+    seen: list[str], blamed: list[set[str]]
+) -> None:
+    system = load_text("robomend: 1\nname: r\n" + LOADED)
+    observed = [literal for text in seen for literal in parse(text, system.vocabulary)]
+    found = make_engine("sat", system.cnf).diagnose(observed)
+    assert {frozenset(one.bad) for one in found.diagnoses} == {frozenset(one) for one in blamed}
+
+
+def test_without_a_computer_a_host_changes_no_clause() -> None:
+    bare = LOADED.replace("{computer: true}", "{}")
+    without = bare.replace(", host: pc", "").replace(", host: other", "")
+    one, other = (load_text("robomend: 1\nname: r\n" + text).cnf for text in (bare, without))
+    assert one.clauses == other.clauses

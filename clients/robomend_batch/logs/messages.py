@@ -252,6 +252,8 @@ class Changes:
             settings = self._settings.get(key)
             if settings is None:
                 settings = self._settings[key] = self._of(change.atom, shown)
+            if change.reading is not None and change.reading.symptom is not None:
+                self._words.measured(change)
             for sensor, value in settings:
                 self._time.append(change.time_ns)
                 self._sensor.append(sensor)

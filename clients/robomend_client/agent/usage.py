@@ -1,11 +1,13 @@
 """What processes and the computer use: the sources `processes:CPU(node)`, `processes:Mem(node)`,
-`host:CPU`, `host:Mem`.
+`host:CPU`, `host:Mem`, `host:Wait`.
 
 CPU of a node is the part of one core that its process and all that it started have used since the last
 look, Mem the part of the computer's memory that they hold; of the host, the part of all cores and of all
-memory. A node that does not run has neither.
+memory. A node that does not run has neither. Wait is the part of the time in which some process could have
+run and had no processor: what is late then is late for that. A kernel without pressure stall information
+says nothing of it.
 
-Source: proc(5), the fields of /proc/PID/stat and /proc/stat.
+Source: proc(5), the fields of /proc/PID/stat and /proc/stat; /proc/pressure/cpu, "some".
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ PERIOD_S = 1.0
 
 TICKS = os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
-FIELD = re.compile(r"(CPU|Mem)(?:\((?P<node>.+)\))?\Z")
+FIELD = re.compile(r"(CPU|Mem|Wait)(?:\((?P<node>.+)\))?\Z")
 
 
 class Usage:
@@ -41,14 +43,19 @@ class Usage:
             topic, field = split(source)
             found = FIELD.match(field)
             node = found and found["node"]
-            if found is None or (topic == "host") is not (node is None):
+            if (
+                found is None
+                or (topic == "host") is not (node is None)
+                or (found[1] == "Wait" and node is not None)
+            ):
                 raise ValueError(
-                    f"{source} is no source; write processes:CPU(NODE), host:CPU, or Mem of either"
+                    f"{source} is no source; write processes:CPU(NODE), host:CPU, Mem of either, or host:Wait"
                 )
             if node is not None and node not in known:
                 raise ValueError(f"{source}: the agent has no process {node}")
             self._wanted[source] = (found[1], node)
         self._before: dict[str | None, tuple[float, float]] = {}  # node -> seconds of processor, when
+        self._waited: tuple[float, float] | None = None  # seconds in which some process waited, when
 
     @property
     def wanted(self) -> bool:
@@ -63,6 +70,11 @@ class Usage:
         for source, (what, node) in self._wanted.items():
             if node is not None and leaders.get(node) not in groups:
                 self._before.pop(node, None)
+                continue
+            if what == "Wait":
+                part = self._waiting(now)
+                if part is not None:
+                    found[source] = part
                 continue
             if what == "Mem":
                 value = self._host_memory() if node is None else self._memory(groups[leaders[node]][1])
@@ -84,6 +96,18 @@ class Usage:
         self._before[node] = (used_s, now)
         # Less than before: a process of the group has ended and taken its time along.
         return max(0.0, used_s - before_s) / (now - at) if now > at else None
+
+    def _waiting(self, now: float) -> float | None:
+        """Return the part of the time since the last look in which some process waited for a processor."""
+        try:
+            line = (self._proc / "pressure" / "cpu").read_text().split("\n", 1)[0]
+            waited_s = int(line.rpartition("total=")[2]) / 1e6
+        except (OSError, ValueError):
+            return None
+        before, self._waited = self._waited, (waited_s, now)
+        if before is None or now <= before[1]:
+            return None
+        return min(1.0, max(0.0, waited_s - before[0]) / (now - before[1]))
 
     def _groups(self, leaders: set[int]) -> dict[int, tuple[float, int]]:
         """Return session -> seconds of processor, pages: of each leader and of what it started."""

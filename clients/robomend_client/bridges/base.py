@@ -40,6 +40,10 @@ PUBLISHERS_S = 1.0
 """How often it is looked who publishes a topic."""
 
 
+Runs = bool | Mapping[str, str] | None
+"""Whether a node runs, or why not (as the node observer takes it); None: that is unknown."""
+
+
 class RosPart(Protocol):
     """Our node on the robot's network."""
 
@@ -157,14 +161,14 @@ class RosBridge(ABC):
         agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
         return resolved(self.name or f"robomend{agent}")
 
-    def table(self, found: Mapping[str, bool | None]) -> dict[str, bool | None]:
+    def table(self, found: Mapping[str, Runs]) -> dict[str, Runs]:
         """Return which nodes run by the model's names; one whose name is another at each start also by what
         stays of it.
         """
         told = {self.names.ours(name): runs for name, runs in found.items()}
         for name, runs in found.items():
             lasting = self.names.ours(lasting_name(name))
-            if lasting_name(name) != name and not told.get(lasting):
+            if lasting_name(name) != name and told.get(lasting) is not True:
                 told[lasting] = runs
         return told
 

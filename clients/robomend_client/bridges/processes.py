@@ -30,6 +30,14 @@ class Process:
         found = _stat(self.pid)
         return found is not None and found[STARTED] == self.started and found[STATE] not in "TtZX"
 
+    def why(self) -> dict[str, str]:
+        """Return why it does not work, as the node observer takes it."""
+        found = _stat(self.pid)
+        if found is None or found[STARTED] != self.started or found[STATE] not in "Tt":
+            return {"why": f"its process {self.pid} has ended", "symptom": "ended"}
+        stopped = "traced by a debugger" if found[STATE] == "t" else "stopped by a signal (SIGSTOP)"
+        return {"why": f"its process {self.pid} is {stopped}", "symptom": "halted"}
+
 
 def has_open(ports: Callable[[int, int], bool], tables: Iterable[str], likely: int = 0) -> Process | None:
     """Return the process that has a socket with these ports open; None: nobody that we may see.

@@ -260,7 +260,7 @@ class Driver:
         lost_ns = until_ns - self.now_ns
         touched: dict[Atom, None] = {}
         for state in self._states:
-            if state.waiting or lost_ns > state.patience_ns:
+            if (state.waiting and not state.bears_lapses) or lost_ns > state.patience_ns:
                 self._refresh(state)
                 self._reset(state, until_ns, touched, lapsed_ns=self.now_ns)
             elif state.tick_ns <= until_ns:

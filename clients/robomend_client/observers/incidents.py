@@ -34,6 +34,8 @@ class Incidents:
 
     period_ns = 0
     detection_s = 1.0
+    bears_lapses = True
+    """What has happened is not undone by a while in which nobody looked, up to half of `hold_s`."""
 
     def __init__(self, atom: str, least: int, hold_s: float) -> None:
         """`least` incidents within `hold_s`, and nothing good between them, are bad."""
@@ -101,6 +103,6 @@ def for_s(nanoseconds: int) -> str:
     """Return a span as people say it: 2.1 s, 3 min, 4 h, 2 days."""
     seconds = nanoseconds / SECOND
     for size, name in ((86400, "days"), (3600, "h"), (60, "min")):
-        if seconds >= 2 * size:
+        if round(seconds / size) > 1:
             return f"{seconds / size:.0f} {name}"
     return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"

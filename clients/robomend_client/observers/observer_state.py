@@ -23,6 +23,7 @@ class ObserverState:
     """One observer in its driver."""
 
     __slots__ = (
+        "bears_lapses",
         "blind",
         "check",
         "due_after",
@@ -53,6 +54,7 @@ class ObserverState:
         self.tick_ns = NEVER
         self.floor_ns = -NEVER
         self.latched: bool = getattr(observer, "latched", False)  # what is left out would not come again
+        self.bears_lapses: bool = getattr(observer, "bears_lapses", False)  # it holds what happened before
         self.said: tuple[Literal, ...] | None = None  # the newest answer
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
@@ -63,6 +65,8 @@ class ObserverState:
     def patience_ns(self) -> int:
         """So long nobody may look: what waits meanwhile comes all at once, and changes no verdict."""
         observer = self.observer
+        if self.bears_lapses:
+            return ns(observer.settling_s / 2)
         try:
             patience_s = observer.patience_s if isinstance(observer, Patient) else observer.detection_s
             return ns(min(patience_s, observer.detection_s / 2))

@@ -24,7 +24,11 @@ from robomend_client.observers.base import number
 from robomend_client.observers.filters import Filter
 from robomend_client.observers.reading import JudgedReadings, Readings
 
-UNITS = {"board:voltage": "V", "board:current": "A"}
+UNITS = {
+    "board:voltage": "V",
+    "board:current": "A",
+    "host:Wait": "of the time some process waits for a processor",
+}
 
 
 @dataclass(frozen=True)

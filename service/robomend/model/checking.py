@@ -187,7 +187,13 @@ def unused(system: System) -> Iterator[str]:
     driven = {device for node in model.nodes.values() for device in node.drives}
     feeders = {feeder for device in model.hardware.values() for feeder in device.fed_by}
     ruled = _in_user_rules(system)
+    hosts = {part.host for part in model.nodes.values()}
+    for name in model.computers:
+        if name not in hosts:
+            yield f"computer {name}: no node has it as its `host`, so its load explains nothing"
     for name in model.hardware:
+        if name in model.computers:
+            continue
         if name not in driven and name not in feeders and name not in ruled:
             yield f"hardware {name}: no node drives it, and no rule mentions it"
 

@@ -9,7 +9,7 @@ from robomend.errors import ModelError, ObservationError
 from robomend.model.budget import MODEL_STEPS, scheme_steps
 from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
-from robomend.model.components import KINDS, ComponentModel
+from robomend.model.components import KINDS, LOAD, ComponentModel
 from robomend.model.formulas import AB, Formula
 from robomend.model.functions import check_functions, condition, read_comparisons, with_compared
 from robomend.model.interlock import Interlock
@@ -170,7 +170,7 @@ def vocabulary_of(model: ComponentModel) -> Vocabulary:
         components={(kind.section, kind.state): tuple(model.of(kind)) for kind in KINDS},
         switchable=tuple(name for name in model.hardware if model.switchable(name)),
         topics=tuple(topics),
-        properties=model.properties,
+        properties=tuple(dict.fromkeys((*model.properties, *([LOAD] if model.computers else [])))),
         values=tuple(model.values),
         relations={
             "drives": frozenset((node.name, device) for node in nodes for device in node.drives),

@@ -44,7 +44,7 @@ MODEL_KEYS = (
     "inputs_matter", "partial_failure",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected", "criticality", "helps")
-HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", *PART_KEYS)
+HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", "boot_s", "computer", *PART_KEYS)
 NODE_KEYS = (
     "drives", "publishes", "inputs_matter", "restartable", "tied_to", "start_s", "reconnects", *PART_KEYS,
 )  # fmt: skip
@@ -174,6 +174,7 @@ class _Reader:
             fed_by=self.optional(entry, "fed_by", self.names) or (),
             blame=blame if own_blame is None else own_blame,
             boot_s=self.optional(entry, "boot_s", self.seconds),
+            computer=self.optional(entry, "computer", self.flag) or False,
             **self.common(entry, line, protected=channel in protected),
         )
 

@@ -72,6 +72,7 @@ class Hardware(Component):
     fed_by: tuple[str, ...] = ()
     blame: bool = False  # H joins its driver's clause
     boot_s: float | None = None  # from its power to its answering
+    computer: bool = False  # what runs on it comes late when it is overloaded
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +136,9 @@ class Remedy:
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.parameters)})"
 
+
+LOAD = "load"
+"""The property of a computer that it is not overloaded: ok(load,pc)."""
 
 DWELL_S = 5.0
 CHANGES_PER_HOUR = 60
@@ -210,6 +214,11 @@ class ComponentModel:
         if kind is Hardware:
             return self.hardware
         return self.nodes if kind is Node else self.others.get(kind.section, {})
+
+    @property
+    def computers(self) -> tuple[str, ...]:
+        """The devices whose load counts for what runs on them."""
+        return tuple(name for name, device in self.hardware.items() if device.computer)
 
     def feeders(self, name: str) -> tuple[str, ...]:
         """Return what a device gets its power from, all the way up, nearest first."""

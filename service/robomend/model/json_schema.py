@@ -150,6 +150,9 @@ HARDWARE: Schema = {
     "fed_by": _said("devices whose power it needs, all of them", NAMES),
     "blame_hardware": _said("whether it can be blamed beside its drivers where it has no channel", FLAG),
     "boot_s": _said("how long it takes from its power to its answering, in seconds", SECONDS),
+    "computer": _said(
+        "whether it is a computer: topics of nodes with it as their `host` need ok(load,NAME)", OFF
+    ),
     **PART,
 }
 NODE: Schema = {

@@ -25,6 +25,9 @@ Opt-in keys add premises, never clauses of another shape:
   blamed. A feeder without channel gets a clause 1 of its own, since its on(psu) now bears weight. Without
   `fed_by` nothing changes.
 
+- `computer: true` on a device: ok(load,pc) in the clauses 2 to 4 of nodes whose `host` it is, as an input is:
+  what comes late on an overloaded computer blames no node. And ¬AB(pc) → ok(load,pc).
+
 And one takes clauses away: a topic that is `silent` by design is no output in schemes 2 to 4.
 
 Source: section IV-D of the paper.
@@ -35,7 +38,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from robomend.model.cnf import Output, Rule
-from robomend.model.components import KINDS, ComponentModel, Hardware, Node
+from robomend.model.components import KINDS, LOAD, ComponentModel, Hardware, Node
 from robomend.model.formulas import And, Formula, Implies, Leaf, ab
 from robomend_client.literals import Atom, Literal, holds
 
@@ -49,6 +52,7 @@ def schemes(model: ComponentModel) -> Scheme:
     yield from nodes(model)
     yield from running(model)
     yield from related(model)
+    yield from computers(model)
     yield from other_kinds(model)
 
 
@@ -73,6 +77,7 @@ def drivers(model: ComponentModel) -> Scheme:
             premises = [-ab(node.name), *dict.fromkeys(working)]
             for topic, inputs in _heard(model, node):
                 needed = [holds("ok", i) for i in inputs] if node.inputs_matter else []
+                needed += _load(model, node)
                 yield _rule([*premises, *needed], holds("ok", topic), f"scheme {number}", node.line)
 
 
@@ -81,7 +86,7 @@ def nodes(model: ComponentModel) -> Scheme:
     for node in model.nodes.values():
         if not node.drives:
             for topic, inputs in _heard(model, node):
-                needed = [holds("ok", i) for i in inputs]
+                needed = [*(holds("ok", i) for i in inputs), *_load(model, node)]
                 yield _rule([-ab(node.name), *needed], holds("ok", topic), "scheme 4", node.line)
 
 
@@ -104,6 +109,12 @@ def related(model: ComponentModel) -> Scheme:
                     seen.add(key)
                     premises = [-ab(name) for name in dict.fromkeys((one.name, other.name))]
                     yield _rule(premises, holds("matched", first, second), "scheme 6", one.line)
+
+
+def computers(model: ComponentModel) -> Scheme:
+    """A computer that is healthy is not overloaded."""
+    for name in model.computers:
+        yield _rule([-ab(name)], holds("ok", LOAD, name), "computer", model.hardware[name].line)
 
 
 def other_kinds(model: ComponentModel) -> Scheme:
@@ -141,6 +152,7 @@ def outputs(model: ComponentModel) -> dict[str, tuple[Output, ...]]:
         )
         for topic, inputs in _heard(model, node):
             rests_on = tuple(map(ok, inputs)) if inputs_count else ()
+            rests_on += tuple(literal.atom for literal in _load(model, node))
             output = Output(ok(topic), node.name, rests_on)
             for name in (node.name, *names):
                 found.setdefault(name, []).append(output)
@@ -154,6 +166,11 @@ def _heard(model: ComponentModel, node: Node) -> list[tuple[str, tuple[str, ...]
         for topic, inputs in node.publishes.items()
         if topic not in model.topics or not model.topics[topic].silent
     ]
+
+
+def _load(model: ComponentModel, node: Node) -> list[Literal]:
+    """Return what a node's output needs of the computer that it runs on."""
+    return [holds("ok", LOAD, node.host)] if node.host is not None and node.host in model.computers else []
 
 
 def _working(model: ComponentModel, device: Hardware) -> list[Literal]:

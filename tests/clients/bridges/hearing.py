@@ -24,6 +24,7 @@ class Heard:
         self.values: dict[str, list[Any]] = {}
         self.sights: dict[str, list[Contact]] = {}
         self.publishers: dict[str, tuple[str, ...]] = {}
+        self.why: dict[str, dict[str, str]] = {}  # why nodes do not run, of the newest table
         self.log: list[str] = []
         self.task: asyncio.Task[None] | None = None
         self.listener: Callable[[str, object, int | None], None] | None = None  # hears it all, too
@@ -36,6 +37,9 @@ class Heard:
         elif isinstance(value, Contact):
             self.sights.setdefault(source, []).append(value)
         else:
+            if source == "nodes" and isinstance(value, Mapping):
+                self.why = {name: dict(one) for name, one in value.items() if isinstance(one, Mapping)}
+                value = {name: False if isinstance(one, Mapping) else one for name, one in value.items()}
             self.values.setdefault(source, []).append(value)
 
     def sees(self, source: str) -> bool:

@@ -149,3 +149,11 @@ def test_topics_of_action_servers_suggest_it() -> None:
         "ok(goals,dock)": {"kind": "goals", "action": "dock", "preset": "ros1"}
     }
     assert suggested("/dock/status", "std_msgs/String") == {}
+
+
+def test_a_while_in_which_nobody_looked_undoes_nothing_that_has_happened() -> None:
+    driver, _ = fed([(1, [new(1, 6)])], GoalRules(in_a_row=2))
+    driver.lapse(ns(T0 + 9))
+    now_ns = ns(T0 + 10)
+    found = driver.sample(ROS2, now_ns, [new(1, 6), new(2, 6)], now_ns)
+    assert values(found) == ["not ok(goals,dock)"]

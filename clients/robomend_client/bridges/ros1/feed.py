@@ -20,7 +20,7 @@ from typing import Any
 from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.agent.ring import LARGE, Tap
-from robomend_client.bridges.base import DIAGNOSTICS, NAME, NODES, RosBridge
+from robomend_client.bridges.base import DIAGNOSTICS, NAME, NODES, RosBridge, Runs
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.measured import is_board, measured
@@ -173,9 +173,15 @@ class Ros1(RosBridge):
     def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
         def tell(table: dict[str, bool | None]) -> None:
             self.look_at_names(table)
-            deliver(NODES, self.table(table), None)
+            why = liveness.nodes.why
+            told: dict[str, Runs] = {
+                name: why(name, self.ping_timeout_s) if runs is False else runs
+                for name, runs in table.items()
+            }
+            deliver(NODES, self.table(told), None)
 
-        return Liveness(node, tell, self.ping_s, self.ping_timeout_s)
+        liveness = Liveness(node, tell, self.ping_s, self.ping_timeout_s)
+        return liveness  # what it tells looks into it
 
 
 def _topic(node: RosNode, name: str, topic: str) -> ToldTopic:

@@ -60,6 +60,15 @@ class Nodes:
         """Return which run, as observers read it."""
         return {name: RUNS[node.state] for name, node in self.known.items()}
 
+    def why(self, name: str, timeout_s: float) -> Mapping[str, str] | bool:
+        """Return why a node does not run, as the node observer takes it."""
+        node = self.known.get(name)
+        if node is not None and node.state is NodeState.FROZEN:
+            return {"why": f"does not answer within {timeout_s:g} s", "symptom": "halted"}
+        if node is not None and node.state is NodeState.GONE:
+            return {"why": f"nobody listens at {node.uri or 'its address'} any more", "symptom": "ended"}
+        return False
+
     def listed(self, names: frozenset[str]) -> bool:
         """The master names these; return whether any was forgotten."""
         for name in sorted(names - self.known.keys()):

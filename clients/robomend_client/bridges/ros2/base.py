@@ -19,7 +19,7 @@ from robomend_client.agent.executors.ros_programs import Ros2Asking
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.agent.ring import Described
 from robomend_client.beats import beat
-from robomend_client.bridges.base import DIAGNOSTICS, NODES, RosBridge, RosPart
+from robomend_client.bridges.base import DIAGNOSTICS, NODES, RosBridge, RosPart, Runs
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.opened import OpenedMessage
@@ -64,8 +64,8 @@ LOOK_AT_MOST_S = 0.25
 
 MOST_WRITERS = 4096
 
-LookAtNodes = Callable[[], Awaitable["Mapping[str, bool | None] | None"]]
-"""Returns which nodes run, None where that is unknown; None: nobody knows now."""
+LookAtNodes = Callable[[], Awaitable["Mapping[str, Runs] | None"]]
+"""Returns which nodes run; None: nobody knows now."""
 
 
 class Message(NamedTuple):
@@ -276,7 +276,7 @@ class Ros2Bridge(RosBridge):
         told_s = found_s + MOST_UNTOLD * self.discovery_s
         while unheard.looked_s < found_s or (untold() and unheard.looked_s < told_s):
             await beat(LOOK_S)
-        said: dict[str, bool | None] | None = None
+        said: dict[str, Runs] | None = None
         said_s = 0.0
         while True:
             found = await look()

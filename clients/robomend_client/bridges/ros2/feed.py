@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from robomend_client.agent.feeds import Deliver
+from robomend_client.bridges.base import Runs
 from robomend_client.bridges.ros2.base import Message, OnMessage, Ros2Bridge, Unheard
 from robomend_client.bridges.ros2.dds import Dds, NoDds, Sample, configuration, only_here
 from robomend_client.bridges.ros2.discovered import Endpoint, Participant
@@ -51,8 +52,9 @@ class Ros2(Ros2Bridge):
             node.found.lost.update(lost)
             liveness = Liveness(node.found, self.problems, node.unheard)
             try:
+                look = partial(_with_reasons, liveness)
                 untold = partial(getattr, node.found, "untold")
-                await self.be(_Named(node), node.run(dds), liveness.look, untold, deliver)
+                await self.be(_Named(node), node.run(dds), look, untold, deliver)
             except Forgotten:
                 self.problems.tell("DDS", "nor do they tell it somebody else: it is left, and entered anew")
                 lost = node.found.lost
@@ -71,6 +73,12 @@ class Ros2(Ros2Bridge):
             else:
                 self.problems.over("DDS")
                 return dds
+
+
+async def _with_reasons(liveness: Liveness) -> dict[str, Runs]:
+    """Return which nodes run, or why not."""
+    found = await liveness.look()
+    return {name: liveness.why.get(name, False) if runs is False else runs for name, runs in found.items()}
 
 
 class _Named:

@@ -14,7 +14,7 @@ its participant is not heard any more: its lease
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.processes import Process, is_ours
@@ -37,6 +37,7 @@ class Liveness:
         self._processes: dict[Participant, Process | None] = {}
         self._asked: dict[Participant, RemotePort] = {}
         self._silent = {participant.address for participant in found.lost}  # computers that were told of
+        self.why: dict[str, dict[str, str]] = {}  # of nodes that do not run: as node observers take it
 
     async def look(self) -> dict[str, bool | None]:
         """Return which nodes run now."""
@@ -53,7 +54,20 @@ class Liveness:
             if process is not None
         }
         alive.update(self._look_at_lost())
-        return self._found.nodes(alive)
+        table = self._found.nodes(alive)
+        self._explain(table)
+        return table
+
+    def _explain(self, table: Mapping[str, bool | None]) -> None:
+        """Note why nodes do not run of whose processes that is known; it stays so until they run again."""
+        self.why = {name: why for name, why in self.why.items() if table.get(name) is False}
+        for participant, process in self._processes.items():
+            told = self._found.entities.get(participant.key)
+            if process is None or told is None or process.works():
+                continue
+            for node in told.nodes:
+                if table.get(node.name) is False:
+                    self.why[node.name] = process.why()
 
     def close(self) -> None:
         for asked in self._asked.values():

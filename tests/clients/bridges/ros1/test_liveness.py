@@ -26,8 +26,10 @@ def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, t
             killed.kill()
             await heard.runs({"killed": False})
             assert heard.last("nodes")["frozen"] is True
+            assert heard.why["killed"]["symptom"] == "ended"
             frozen.signal(signal.SIGSTOP)
             await heard.runs({"frozen": False})
+            assert heard.why["frozen"] == {"why": "does not answer within 1 s", "symptom": "halted"}
             frozen.signal(signal.SIGCONT)
             await heard.runs({"frozen": True})
             await asyncio.to_thread(ros.node, "killed")

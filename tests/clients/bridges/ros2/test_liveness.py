@@ -31,10 +31,14 @@ def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:
             assert heard.last("nodes")["laser"] is True
             laser.signal(signal.SIGSTOP)
             await heard.runs({"laser": False})
+            stopped = f"its process {laser.pid} is stopped by a signal (SIGSTOP)"
+            assert heard.why["laser"] == {"why": stopped, "symptom": "halted"}
             laser.signal(signal.SIGCONT)
             await heard.runs({"laser": True})
             laser.kill()
             await heard.runs({"laser": False})
+            ended = {"why": f"its process {laser.pid} has ended", "symptom": "ended"}
+            assert heard.why["laser"] == ended
             await asyncio.to_thread(ros.node, "laser")
             await heard.runs({"laser": True})
             assert heard.log == []

@@ -1,0 +1,196 @@
+"""What robots say of themselves, in recordings: the same observers, with their words in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from tests.robomend_batch.recordings import EPOCH_NS, ROS1, ROS2
+from tests.robomend_batch.running import batch_run, logs, spans
+
+from robomend.cli.commands import run
+from robomend_batch.commands import batch
+from robomend_client.observers.base import SECOND
+
+MODEL = """
+robomend: 1
+name: rover
+nodes: {navigator: {publishes: {imu: []}}, camera: {}}
+properties: {goals: {}, log: {}, moves: {}, age: {}, lifecycle: {}}
+rules:
+  - "not ab(navigator) -> ok(goals,navigator)"
+  - "not ab(camera) -> ok(log,camera)"
+  - "not ab(camera) -> ok(lifecycle,camera)"
+  - "not ab(navigator) -> ok(moves,navigator) and ok(age,navigator)"
+"""
+
+OBSERVERS = """
+observers:
+  "ok(goals,navigator)": {kind: goals, action: dock, hold_s: 20%s}
+  "ok(log,camera)": {kind: rosout, hold_s: 2}
+  "ok(moves,navigator)": {kind: changing, source: "imu:angular_velocity.z", still_s: 3}
+  "ok(age,navigator)": {kind: age, topic: imu}
+"""
+
+LIFECYCLE = '  "ok(lifecycle,camera)": {kind: lifecycle}\n'
+
+
+class Recorder:
+    """Messages of a robot of one generation, by their fields."""
+
+    def __init__(self, store: Any, cdr: bool) -> None:
+        self.store, self.cdr = store, cdr
+        self.messages: list[tuple[float, str, str, Any]] = []
+
+    def __call__(self, at_s: float, topic: str, kind: str, **fields: Any) -> None:
+        self.messages.append((at_s, topic, kind, self.made(kind, fields)))
+
+    def made(self, kind: str, given: dict[str, Any]) -> Any:
+        values: dict[str, Any] = {}
+        for name, (shape, inside) in self.store.fielddefs[kind][1]:
+            value: Any = given.get(name)
+            if shape == 1:
+                values[name] = ("" if inside[0] == "string" else 0) if value is None else value
+            elif shape == 2:
+                values[name] = self.made(inside, value or {})
+            else:
+                (element, of), count = inside
+                items: Any = value if value is not None else [0] * (count or 0)
+                if element == 2:
+                    values[name] = [self.made(of, item) for item in items]
+                elif of[0] == "string":
+                    values[name] = list(items)
+                else:
+                    values[name] = np.array(items, dtype={"byte": "uint8"}.get(of[0], of[0]))
+        return self.store.types[kind](**values)
+
+    def write(self, file: Path) -> Path:
+        ordered = sorted(self.messages, key=lambda one: one[0])
+        plugin = StoragePlugin.MCAP if file.suffix == ".mcap" else StoragePlugin.SQLITE3
+        folder = file.with_name(file.name + ".folder")
+        writer: Any = Writer2(folder, version=9, storage_plugin=plugin) if self.cdr else Writer1(file)
+        with writer:
+            connections: dict[str, Any] = {}
+            for at_s, topic, kind, message in ordered:
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=self.store)
+                serialize = self.store.serialize_cdr if self.cdr else self.store.serialize_ros1
+                at_ns = EPOCH_NS + round(at_s * SECOND)
+                writer.write(connections[topic], at_ns, serialize(message, kind))
+        if self.cdr:
+            (written,) = folder.glob(f"*{file.suffix}*")
+            written.rename(file)
+        return file
+
+
+def stamp(at_s: float) -> dict[str, int]:
+    return {"sec": EPOCH_NS // SECOND + int(at_s), "nanosec": int(at_s % 1 * 1e9)}
+
+
+def goals(record: Recorder, told: Iterable[tuple[float, int, str]]) -> None:
+    """Goals end at these times: succeeded, aborted, cancelled."""
+    for at_s, number, end in told:
+        if record.cdr:
+            status = {"succeeded": 4, "cancelled": 5, "aborted": 6}[end]
+            info = {"goal_id": {"uuid": [number] * 16}, "stamp": stamp(at_s)}
+            record(
+                at_s, "/dock/_action/status", "action_msgs/msg/GoalStatusArray",
+                status_list=[{"goal_info": info, "status": status}],
+            )  # fmt: skip
+        else:
+            status = {"succeeded": 3, "cancelled": 2, "aborted": 4}[end]
+            goal = {
+                "goal_id": {"id": f"g{number}", "stamp": stamp(at_s)},
+                "status": status,
+                "text": "no plan",
+            }
+            record(at_s, "/dock/status", "actionlib_msgs/msg/GoalStatusArray", status_list=[goal])
+
+
+def drive(record: Recorder, *, faulty: bool) -> None:
+    """Half a minute; from 10 s on one thing after the other goes wrong, if that is wanted."""
+    for n in range(300):
+        at_s = n / 10
+        frozen = faulty and 15 <= at_s < 20
+        old_s = 7200 if faulty and 22 <= at_s < 24 else 0
+        record(
+            at_s, "/imu", "sensor_msgs/msg/Imu",
+            header={"stamp": stamp(at_s - old_s)},
+            angular_velocity={"z": 0.42 if frozen else at_s},
+        )  # fmt: skip
+        log = "rcl_interfaces/msg/Log" if record.cdr else "rosgraph_msgs/msg/Log"
+        info, error = (20, 40) if record.cdr else (2, 8)
+        level = error if faulty and n == 120 else info
+        record(at_s, "/rosout", log, level=level, name="/camera", msg="cannot open /dev/video0", line=n)
+    ends = ((5, 1, "succeeded"), (6, 2, "cancelled"), (10, 3, "aborted" if faulty else "succeeded"))
+    goals(record, (*ends, (11.5, 4, "succeeded")))
+    if record.cdr:
+        moves = [("unconfigured", "configuring"), ("configuring", "inactive"), ("activating", "active")]
+        for start, goal in [*moves, *([("active", "errorprocessing"), *moves] if faulty else [])]:
+            at_s = 26 if start == "active" else 27 if record.messages[-1][0] >= 26 else 1
+            record(
+                at_s, "/camera/transition_event", "lifecycle_msgs/msg/TransitionEvent",
+                start_state={"label": start}, goal_state={"label": goal},
+            )  # fmt: skip
+
+
+@pytest.fixture(params=["a.bag", "a.mcap", "a.db3"])
+def recorder(request: pytest.FixtureRequest) -> tuple[str, Recorder]:
+    name = str(request.param)
+    return name, Recorder(ROS1, False) if name.endswith(".bag") else Recorder(ROS2, True)
+
+
+def diagnosed(folder: Path, name: str, record: Recorder) -> Path:
+    (folder / "rover.yaml").write_text(MODEL)
+    preset = "" if record.cdr else ", preset: ros1"
+    (folder / "agent.yaml").write_text(OBSERVERS % preset + (LIFECYCLE if record.cdr else ""))
+    log = record.write(folder / name)
+    out = folder / "out"
+    assert batch_run(out, log, "--observers", folder / "agent.yaml", model=folder / "rover.yaml") == 0
+    return out
+
+
+def test_each_kind_of_evidence_is_found_in_a_recording_with_its_words(
+    recorder: tuple[str, Recorder], tmp_path: Path
+) -> None:
+    name, record = recorder
+    drive(record, faulty=True)
+    out = diagnosed(tmp_path, name, record)
+    (log,) = logs(out)
+    found = {
+        one["literal"]: ((one["time_ns"] - EPOCH_NS) / SECOND, one["reading"]) for one in log["readings"]
+    }
+    why = "" if record.cdr else ": no plan"
+    wanted = {
+        "not ok(goals,navigator)": (10.0, f"goal aborted{why}"),
+        "not ok(log,camera)": (12.0, "ERROR: cannot open /dev/video0"),
+        "not ok(moves,navigator)": (18.0, "angular_velocity.z stands still at 0.42 since 16:00:15 UTC"),
+        "not ok(age,navigator)": (22.2, "stamp 2 h behind, at most 2 s"),
+    }
+    if record.cdr:
+        wanted["not ok(lifecycle,camera)"] = (26.0, "errorprocessing, not active")
+    assert found.keys() == wanted.keys()
+    for literal, (at_s, told) in wanted.items():
+        assert told in found[literal][1]
+        assert abs(found[literal][0] - at_s) < 0.15, literal
+    blamed = {name for *_, bad in spans(out) for one in bad or () for name in one}
+    assert blamed == {"navigator", "camera"}
+    assert run(["report", str(out), "--file", str(tmp_path / "report.html")], batch) == 0
+    page = (tmp_path / "report.html").read_text()
+    assert "not ok(log,camera): ERROR: cannot open /dev/video0" in page
+
+
+def test_usual_traffic_in_a_recording_is_no_fault(recorder: tuple[str, Recorder], tmp_path: Path) -> None:
+    name, record = recorder
+    drive(record, faulty=False)
+    out = diagnosed(tmp_path, name, record)
+    (log,) = logs(out)
+    assert log["readings"] == []
+    assert "faulty" not in log["intervals"]
+    assert log["intervals"]["healthy"] >= 1
