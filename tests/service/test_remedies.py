@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 from tests.api.test_process import served
+from tests.clients.bridges.ros1.test_asking import SWITCH, offered
 from tests.clients.running_agent import agent, config
+from tests.ros1 import robot as ros1_robot
 from tests.ros2 import robot as ros2_robot
 from tests.waiting import until
 
@@ -152,3 +154,55 @@ def test_services_parameters_and_lifecycles_of_ros_2_repair_it_and_nothing_else_
         }
         assert [line["heard"] for line in planner.heard] == ["/clear"]  # once, and /reset never
         assert request("reset") in seen.offered
+
+
+def test_services_and_a_controller_manager_of_ros_1_repair_it_and_nothing_else_is_asked(
+    tmp_path: Path,
+) -> None:
+    switch = "controller_manager_msgs/SwitchController"
+    model = {
+        "robomend": 1,
+        "name": "bot",
+        "nodes": {
+            "laser": {"publishes": {"scan": []}, "restartable": False},
+            "manager": {"publishes": {"joint_states": []}, "restartable": False},
+        },
+        "remedies": {"reset": {"mends": "laser"}, "switch(manager, slow)": {"mends": "manager"}},
+    }
+    with ros1_robot(tmp_path) as ros, served(tmp_path) as (_, url), Client(url) as client:
+        laser, manager = ros.node("laser"), ros.node("manager")
+        answer = {"answer": {"success": True, "message": "was reset"}}
+        laser.do("offer", name="/reset", then=publishing("/scan"), **offered("std_srvs/Trigger", **answer))
+        laser.do("offer", name="/shutdown", **offered("std_srvs/Trigger", **answer))
+        switches = offered(switch, answer={"ok": True})
+        manager.do("offer", name="/manager/switch", then=publishing("/joint_states"), **switches)
+        client.put_model("bot", json.dumps(model))
+        observed = ["ok(scan)", "ok(joint_states)"]
+        client.put_robot("tedusar", {"model": "bot", "policy": "auto", "observed": observed})
+        expected = {"from": "ros1", "rate_hz": 10, "tolerance_hz": 8, "first_s": 1}
+        sections: dict[str, Any] = {
+            "ros1": {"master": ros.master.uri},
+            "topics": {"scan": expected, "joint_states": expected},
+            "observers": {
+                "nodes": {"kind": "node", "from": "ros1", "preset": "ros1", "nodes": ["laser", "manager"]}
+            },
+            "actions": {
+                "reset": {
+                    "kind": "ros1_service", "services": {"laser": "/reset"}, "type": "std_srvs/Trigger"
+                },
+                "switch": {
+                    "kind": "ros1_service", "services": {"manager": "/manager/switch"}, "type": switch,
+                    "request": {"start_controllers": "{to}", "strictness": 2},
+                    "parameters": {"to": ["slow", "fast"]}, "definition": SWITCH,
+                },
+            },
+        }  # fmt: skip
+        with agent(config(tmp_path, url, {}, **sections)):
+            until(lambda: repair_of(client, "tedusar")["state"] == "repaired", "the repair", 100)
+            repair = repair_of(client, "tedusar")
+        acts = {step["text"] for one in repair["rounds"] for step in one["plan"]}
+        assert acts == {"reset(laser)", "switch(manager, slow)"}
+        shown = {literal for one in repair["rounds"] for step in one["plan"] for literal in step["seen"]}
+        assert shown >= set(observed)
+        assert [line["heard"] for line in laser.heard] == ["/reset"]
+        assert [line["value"]["start_controllers"] for line in manager.heard] == [["slow"]]
