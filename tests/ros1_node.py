@@ -137,6 +137,38 @@ class Node:
     def leave(self, line: dict[str, Any]) -> None:
         rospy.signal_shutdown("asked to")
 
+    def offer(self, line: dict[str, Any]) -> None:
+        """Offer a service of a type whose parts are given as texts; what it is asked is printed."""
+
+        class Kind:
+            _type, _md5sum = line["type"], line["md5"]
+
+        for part in ("request", "response"):
+            name = f"{line['type']}{part.title()}"
+            KINDS.update(genpy.dynamic.generate_dynamic(name, line[part]))
+            setattr(Kind, f"_{part}_class", KINDS[name])
+
+        def asked(request: Any) -> Any:
+            say(heard=line["name"], value=yaml.safe_load(str(request)), by="")
+            if line.get("never"):
+                time.sleep(1000)
+            if line.get("fails"):
+                raise rospy.ServiceException(line["fails"])
+            if "then" in line:
+                then = line.pop("then")
+                getattr(self, then["do"])(then)
+            if line.get("echo"):
+                return KINDS[f"{line['type']}Response"](*(getattr(request, s) for s in request.__slots__))
+            return fill(KINDS[f"{line['type']}Response"](), line.get("answer", {}))
+
+        rospy.Service(line["name"], Kind, asked)
+
+    def parameter(self, line: dict[str, Any]) -> Any:
+        """Return a parameter of the parameter server, set first where there is a value."""
+        if "value" in line:
+            rospy.set_param(line["name"], line["value"])
+        return rospy.get_param(line["name"])
+
     def serve(self, line: dict[str, Any]) -> None:
         """An action server of strings and an integer."""
         kinds = genpy.dynamic.generate_dynamic(line["type"], line["definition"])

@@ -66,7 +66,7 @@ class Ros2Robot:
         """`inside` begins the command of each node, which has `more` in its environment."""
         self.folder = folder
         self.domain = number
-        self._python = wanted.python
+        self.python = wanted.python
         self._inside = tuple(inside)
         self._more = more or {}
         self.nodes: dict[str, NodeProcess] = {}
@@ -79,7 +79,7 @@ class Ros2Robot:
 
     def node(self, name: str) -> NodeProcess:
         """Start a node and wait until it is up."""
-        command = [*self._inside, str(self._python), str(NODE)]
+        command = [*self._inside, str(self.python), str(NODE)]
         node = self.nodes[name] = NodeProcess(name, command, self.environment, self.folder)
         node.do("nothing")
         return node

@@ -140,7 +140,8 @@ class Commands:
         self.node.destroy_publisher(self.publishers.pop(line["topic"]))
 
     def lifecycle(self, line: dict[str, Any]) -> None:
-        """Be a node with a lifecycle, too."""
+        """Be a node with a lifecycle, too; active, it does `then`."""
+        commands = self
         from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
         class Managed(LifecycleNode):  # type: ignore[misc]  # rclpy is not where types are checked
@@ -150,6 +151,7 @@ class Commands:
 
             def on_activate(self, state: Any) -> Any:
                 say(heard=line["name"], value="active")
+                commands.also_do(line)
                 return super().on_activate(state)
 
         self.others[line["name"]] = Managed(line["name"])
@@ -193,7 +195,7 @@ class Commands:
         return int(done(goal.get_result_async()).status)
 
     def offer(self, line: dict[str, Any]) -> None:
-        """Offer a service; what it is asked is printed. It answers with `answer`, or never."""
+        """Offer a service; what it is asked is printed. Answers with `answer` and does `then`; or never."""
         import time
 
         package, _, short = line["type"].split("/")
@@ -201,8 +203,7 @@ class Commands:
 
         def asked(request: Any, response: Any) -> Any:
             say(heard=line["name"], value=plain(request))
-            if line.get("value"):  # it also begins to publish
-                self.publish(line["value"])
+            self.also_do(line)
             while line.get("never"):
                 time.sleep(0.1)
             for name, value in line.get("answer", {}).items():
@@ -211,8 +212,14 @@ class Commands:
 
         self.others[line["name"]] = self.node.create_service(kind, line["name"], asked)
 
+    def also_do(self, line: dict[str, Any]) -> None:
+        """Do what a line says under `then`, once, and not in the middle of something."""
+        then = line.pop("then", None)
+        if then is not None:
+            threading.Timer(0.1, getattr(self, then["do"]), (then,)).start()
+
     def declare(self, line: dict[str, Any]) -> None:
-        """Have a parameter; what it is set to is printed, and what is above `most` is refused."""
+        """Have a parameter; what it is set to is printed and followed by `then`; above `most` is refused."""
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
         described = ParameterDescriptor(read_only=line.get("read_only", False))
@@ -224,6 +231,7 @@ class Commands:
                     say(heard=one.name, value=one.value)
                     if "most" in line and one.value > line["most"]:
                         return SetParametersResult(successful=False, reason="the lens does not do that")
+                    self.also_do(line)
             return SetParametersResult(successful=True)
 
         self.node.add_on_set_parameters_callback(checked)

@@ -22,7 +22,7 @@ from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.executors.drill import drilled
-from robomend_client.agent.executors.ros_programs import SetParameter
+from robomend_client.agent.executors.ros_programs import Before
 from robomend_client.agent.executors.supervised import supervised
 from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Reads, Samples
 from robomend_client.agent.memory import FirstResults
@@ -138,8 +138,8 @@ class Agent:
                 ],
             )
             for executor in executors:
-                if isinstance(executor, SetParameter):
-                    executor.before.keep_in(config.state_dir)
+                if isinstance(before := getattr(executor, "before", None), Before):
+                    before.keep_in(config.state_dir)
             actions = Actions(orders, config.robot, config.agent, executors, memory, config.host, watch)
             stack.push_async_callback(actions.close)
             for bridge in bridges:

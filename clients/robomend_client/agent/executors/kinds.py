@@ -40,6 +40,8 @@ KINDS = Registry[Callable[..., ActionExecutor]](
         "launch": f"{ROOM}.ros_programs:Launch",
         "reset_usb": f"{ROOM}.usb:ResetUsb",
         "medkit": "robomend_client.bridges.medkit.restart:Restart",
+        "ros1_service": "robomend_client.bridges.ros1.asking:CallRos1Service",
+        "ros1_parameter": "robomend_client.bridges.ros1.asking:SetRos1Parameter",
         "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",
     },
 )

@@ -28,6 +28,7 @@ from robomend_client.bridges.problems import MIXED_S
 from robomend_client.bridges.ros1 import formats, model_server
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
+from robomend_client.bridges.ros1.asking import Ros1Asking
 from robomend_client.bridges.ros1.liveness import Liveness
 from robomend_client.bridges.ros1.messages import MessageReaders, described
 from robomend_client.bridges.ros1.model_server import ModelServer
@@ -142,7 +143,7 @@ class Ros1(RosBridge):
             server = ModelServer if name == model_server.NAME else ActionServer
             work.append(server(node, parts, name, self.names.ros(name)).run())
         for executor in parts.executors:
-            if isinstance(executor, RosAction):
+            if isinstance(executor, RosAction | Ros1Asking):
                 executor.attach(node)
         if self.hears:
             listening = self.listening(parts, "ros1-observations")

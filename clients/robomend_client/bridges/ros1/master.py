@@ -45,6 +45,17 @@ class Master:
         except CallRefused:
             return None
 
+    async def parameter(self, name: str) -> Any:
+        """Return a parameter of the parameter server, None if it has none of this name."""
+        try:
+            return await self._ask("getParam", name)
+        except CallRefused:
+            return None
+
+    async def set_parameter(self, name: str, value: Any) -> None:
+        """Set a parameter of the parameter server."""
+        await self._ask("setParam", name, value)
+
     async def graph(self, types: bool = True) -> RosGraph:
         """Return who publishes, listens to and offers what, and the types of the topics."""
         answer = await fetch(self.uri, "getSystemState", self._caller)

@@ -100,7 +100,7 @@ class Services:
         """
         reader, writer = await connect(host, port, self._timeout_s)
         hello = {"callerid": self._node.name, "service": service, "md5sum": "*", "probe": "1"}
-        answer = asyncio.create_task(_read_header(reader))
+        answer = asyncio.create_task(read_header(reader))
         try:
             writer.write(encode_header(hello))
             if not await done_within(answer, self._timeout_s):
@@ -113,7 +113,12 @@ class Services:
             raise ProtocolError(header["error"][:200])
 
 
-async def _read_header(reader: asyncio.StreamReader) -> dict[str, str]:
+async def read_header(reader: asyncio.StreamReader) -> dict[str, str]:
+    """Return the fields of a header that comes now.
+
+    Raises:
+        OSError, EOFError, ProtocolError: none comes.
+    """
     (length,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
     if length > LONGEST_HEADER:
         raise ProtocolError("a header that is too long", f"{length} bytes")

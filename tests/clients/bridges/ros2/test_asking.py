@@ -36,7 +36,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros2Robot]:
 
 @pytest.fixture
 def python(ros: Ros2Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", str(ros._python))
+    monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", str(ros.python))
 
 
 def do(ros: Ros2Robot, executor: Ros2Asking, *parameters: str, timeout_s: float = 60.0) -> ActionResult:

@@ -1,0 +1,184 @@
+"""What nodes of ROS 1 are asked for: real rospy services, the real parameter server."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.ros1 import Robot, robot
+
+from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
+from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.ros1.asking import (
+    DEFINITIONS,
+    MESSAGES,
+    CallRos1Service,
+    Ros1Asking,
+    ServiceType,
+    SetRos1Parameter,
+)
+from robomend_client.bridges.ros1.node import RosNode
+
+MD5 = {
+    "std_srvs/Empty": "d41d8cd98f00b204e9800998ecf8427e",
+    "std_srvs/Trigger": "937c9679a518e3a18d831e57125ea522",
+    "std_srvs/SetBool": "09fb03525b03e7ea1fd3992bafd87e16",
+    "dynamic_reconfigure/Reconfigure": "bb125d226a21982a4a98760418dc2672",
+    "controller_manager_msgs/SwitchController": "b29a7abc673b2c54c14b54e50f8d06a5",
+}
+"""As genmsg computes them."""
+
+SWITCH = """string[] start_controllers
+string[] stop_controllers
+int32 strictness
+int32 BEST_EFFORT=1
+int32 STRICT=2
+bool start_asap   # at once
+float64 timeout
+---
+bool ok
+"""
+
+
+def definition(kind: str) -> str:
+    return DEFINITIONS.get(kind, SWITCH)
+
+
+@pytest.mark.parametrize("kind", MD5)
+def test_md5_sums_are_those_of_ros(kind: str) -> None:
+    assert ServiceType(kind, definition(kind)).md5 == MD5[kind]
+
+
+@pytest.fixture(scope="module")
+def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    with robot(tmp_path_factory.mktemp("robot")) as found:
+        yield found
+
+
+def offered(kind: str, **more: Any) -> dict[str, Any]:
+    """Return what a node offers."""
+    request, _, response = definition(kind).partition("---\n")
+    texts = []
+    for text in (request, response):
+        inside = "".join(
+            f"{'=' * 80}\nMSG: {name}\n{message}" for name, message in MESSAGES.items() if "Config" in text
+        )
+        texts.append(text + inside)
+    return {"type": kind, "md5": MD5[kind], "request": texts[0], "response": texts[1], **more}
+
+
+def do(ros: Robot, executor: Ros1Asking, *parameters: str, timeout_s: float = 60.0) -> ActionResult:
+    executor.attach(RosNode("/robomend_test", ros.master.uri, "127.0.0.1", Problems("ROS 1")))
+    action = Action("r:1", executor.name, parameters, timeout_s)
+    return asyncio.run(executor.execute(action, lambda number, message: None))
+
+
+def test_services_are_called_and_their_answers_understood(ros: Robot) -> None:
+    node = ros.node("server")
+    node.do("offer", name="/clear", **offered("std_srvs/Empty"))
+    reset = {"answer": {"success": True, "message": "was reset"}}
+    node.do("offer", name="/reset", **offered("std_srvs/Trigger", **reset))
+    power = {"answer": {"success": False, "message": "the lid is open"}}
+    node.do("offer", name="/power", **offered("std_srvs/SetBool", **power))
+    node.do("offer", name="/breaks", **offered("std_srvs/Trigger", fails="no arm here"))
+    assert do(ros, CallRos1Service("clear", {"a": "/clear"}, "std_srvs/Empty"), "a") == ActionResult(
+        OK, "/clear: done"
+    )
+    assert do(ros, CallRos1Service("reset", {"a": "/reset"}, "std_srvs/Trigger"), "a") == ActionResult(
+        OK, "/reset: was reset"
+    )
+    switch = CallRos1Service(
+        "power", {"a": "/power"}, "std_srvs/SetBool", {"data": "{on}"}, {"on": ["true", "false"]}
+    )
+    assert do(ros, switch, "a", "true") == ActionResult(
+        FAILED, "/power answered success: false: the lid is open"
+    )
+    broken = do(ros, CallRos1Service("reset", {"a": "/breaks"}, "std_srvs/Trigger"), "a")
+    assert broken.code == FAILED
+    assert "no arm here" in broken.message
+    assert [line["value"] for line in node.heard][2] == {"data": True}
+
+
+def test_who_never_answers_is_not_there_or_of_another_type_is_told_apart(ros: Robot) -> None:
+    node = ros.node("odd")
+    node.do("offer", name="/mute", **offered("std_srvs/Trigger", never=True))
+    node.do("offer", name="/other", **offered("std_srvs/SetBool"))
+    mute = do(ros, CallRos1Service("reset", {"a": "/mute"}, "std_srvs/Trigger"), "a", timeout_s=5)
+    assert mute == ActionResult(TIMED_OUT, "/mute does not answer within 4 s; whether it acted is unknown")
+    nobody = do(ros, CallRos1Service("reset", {"a": "/nothing"}, "std_srvs/Trigger"), "a")
+    assert nobody == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
+    other = do(ros, CallRos1Service("reset", {"a": "/other"}, "std_srvs/Trigger"), "a")
+    assert other == ActionResult(
+        REFUSED, "/other is of type std_srvs/SetBool, not std_srvs/Trigger; it was not asked"
+    )
+    version = CallRos1Service(
+        "reset", {"a": "/other"}, "std_srvs/SetBool", definition="bool dat\n---\nbool success\n"
+    )
+    assert "another version of std_srvs/SetBool; it was not asked" in do(ros, version, "a").message
+    field = CallRos1Service("reset", {"a": "/other"}, "std_srvs/SetBool", {"dta": "true"})
+    assert "has no field dta; there are data" in do(ros, field, "a").message
+    unknown = CallRos1Service("reset", {"a": "/other"}, "my_srvs/Reset")
+    assert "there is no definition of my_srvs/Reset here" in do(ros, unknown, "a").message
+    assert [line["heard"] for line in node.heard] == ["/mute"]
+
+
+def test_a_controller_manager_switches_by_a_definition_of_ones_own(ros: Robot) -> None:
+    node = ros.node("manager")
+    kind = "controller_manager_msgs/SwitchController"
+    node.do("offer", name="/controller_manager/switch_controller", **offered(kind, answer={"ok": True}))
+    node.do("offer", name="/other_manager/switch_controller", **offered(kind, answer={"ok": False}))
+    request = {"start_controllers": '["{to}"]', "stop_controllers": "[]", "strictness": "2"}
+    executor = CallRos1Service(
+        "switch",
+        {"arm": "/controller_manager/switch_controller", "leg": "/other_manager/switch_controller"},
+        kind,
+        request,
+        {"to": ["slow", "fast"]},
+        SWITCH,
+    )
+    assert do(ros, executor, "arm", "slow").code == OK
+    assert node.heard[-1]["value"]["start_controllers"] == ["slow"]
+    assert node.heard[-1]["value"]["strictness"] == 2
+    assert "answered ok: false" in do(ros, executor, "leg", "fast").message
+
+
+def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back(
+    ros: Robot, tmp_path: Path
+) -> None:
+    node = ros.node("camera")
+    node.do("parameter", name="/camera/fps", value=15)
+    node.do("parameter", name="/lidar/rate", value=10.0)
+    reconfigure = offered("dynamic_reconfigure/Reconfigure", echo=True)
+    node.do("offer", name="/lidar/set_parameters", **reconfigure)
+    ways: dict[str, Any] = {"values": {"low": "5"}, "back": "before", "steps": {"more": "20"}}
+    fps = SetRos1Parameter("set_fps", {"camera": "/camera"}, "fps", **ways, least=1, most=30)
+    fps.before.keep_in(tmp_path)
+    assert do(ros, fps, "camera", "before").code == REFUSED
+    low = do(ros, fps, "camera", "low")
+    assert low.code == OK
+    assert low.message.startswith(
+        "fps of /camera is 5 now on the parameter server; a node that reads it only"
+    )
+    assert node.do("parameter", name="/camera/fps") == 5
+    assert do(ros, fps, "camera", "low").message == "fps of /camera is 5 already"
+    assert do(ros, fps, "camera", "more").code == OK
+    assert do(ros, fps, "camera", "before").code == OK
+    assert node.do("parameter", name="/camera/fps") == 15
+    missing = do(ros, SetRos1Parameter("x", {"c": "/camera"}, "fsp", {"low": "5"}), "c", "low")
+    assert missing == ActionResult(
+        REFUSED, "fsp of /camera cannot be set: the parameter server has none of this name"
+    )
+    rate = SetRos1Parameter("set_rate", {"lidar": "/lidar"}, "rate", {"slow": "2.5"})
+    assert do(ros, rate, "lidar", "slow") == ActionResult(OK, "rate of /lidar is 2.5 now; it was 10.0")
+    (asked,) = node.heard
+    assert asked["value"]["config"]["doubles"] == [{"name": "rate", "value": 2.5}]
+
+
+def test_without_a_section_ros1_nobody_is_asked() -> None:
+    executor = CallRos1Service("reset", {"a": "/reset"}, "std_srvs/Trigger")
+    action = Action("r:1", "reset", ("a",), 5.0)
+    result = asyncio.run(executor.execute(action, lambda number, message: None))
+    assert result == ActionResult(UNREACHABLE, "reset(a): the agent's file has no section ros1")
