@@ -181,11 +181,12 @@ def test_recording_without_what_it_needs_is_refused(tmp_path: Path) -> None:
         ("a\x00b\x1b[31m", "a\\x00b\\x1b[31m"),
         ("\ud800\u202e", "\\xd800\\x202e"),
         ("<b>ü</b>\n\t", "<b>ü</b>\n\t"),
-        ("x" * 11, "x" * 10),
+        ("x" * 11, "x" * 9 + "…"),
+        ("\x00" * 9, "\\x00\\x00\\…"),
     ],
 )
 def test_texts_are_made_safe(given: str, safe: str) -> None:
-    assert clean(given, max(10, len(safe)) if len(given) < 11 else 10) == safe
+    assert clean(given, 10 if safe.endswith("…") else 20) == safe
 
 
 def test_of_a_long_output_the_last_lines_are_there() -> None:

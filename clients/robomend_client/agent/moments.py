@@ -76,6 +76,7 @@ FRAME = {"topics": 96 * 1024, "logs": 48 * 1024, "series": 64 * 1024}
 """Characters of each part of a frame."""
 
 LINE = 500
+FURTHEST_S = 1e9
 TAIL = 16 * 1024
 
 
@@ -208,7 +209,7 @@ class Moments:
         if len(one.literals) < MOST_LITERALS:
             literal: dict[str, Any] = {
                 "literal": str(change.value),
-                "at_s": (change.time_ns - one.at_ns) / SECOND,
+                "at_s": seconds(change.time_ns, one.at_ns),
             }
             if change.reading is not None:
                 literal["reading"] = clean(str(change.reading), 500)
@@ -501,7 +502,7 @@ def _topic(
     if name in one.said:
         time_ns, data = one.said[name]
         text = clean(json.dumps(data, ensure_ascii=False, default=str)[: 4 * most], most)
-        told["messages"] = [{"at_s": (time_ns - one.at_ns) / SECOND, "text": text}]
+        told["messages"] = [{"at_s": seconds(time_ns, one.at_ns), "text": text}]
         return told
     for kept in one.last[name][-(3 if bad else 1) :]:
         try:
@@ -513,7 +514,7 @@ def _topic(
                 text = described.text(kept.data, most)
         except Exception as error:  # noqa: BLE001  # bytes and definition come from anybody
             text = f"it cannot be read: {error}"
-        told["messages"].append({"at_s": (kept.time_ns - one.at_ns) / SECOND, "text": clean(text, most)})
+        told["messages"].append({"at_s": seconds(kept.time_ns, one.at_ns), "text": clean(text, most)})
     return told
 
 
@@ -526,7 +527,7 @@ def _series(
         return None
     if numbers:
         step = 1 if concerned else 4
-        points = [((number * BIN_NS - at_ns) / SECOND, float(value)) for number, value in numbers[::step]]
+        points = [(seconds(number * BIN_NS, at_ns), float(value)) for number, value in numbers[::step]]
         kind = "value"
     else:
         kind, points = "rate", _rates(bins, at_ns, until_ns)[-2000:]
@@ -562,10 +563,16 @@ def last_lines(output: str, most: int) -> list[str]:
 
 def clean(text: str, most: int) -> str:
     """Return a text without what a terminal or a page would obey, cut to so many characters."""
+    cut = len(text) > most
     text = text[:most]
     if not text.isprintable():
         text = "".join(one if one.isprintable() or one in "\n\t" else f"\\x{ord(one):02x}" for one in text)
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return text if len(text) <= most and not cut else text[: most - 1] + "…"
+
+
+def seconds(time_ns: int, at_ns: int) -> float:
+    """Return how long after the moment something was; clocks may have jumped by any time in between."""
+    return max(-FURTHEST_S, min(FURTHEST_S, (time_ns - at_ns) / SECOND))
 
 
 def _name(one: _Open) -> str:
