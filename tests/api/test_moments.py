@@ -220,7 +220,7 @@ def prune(service: Service, days: float) -> None:
 
 def test_a_moment_is_an_event_and_on_the_pages_with_what_a_robot_says_escaped(service: Service) -> None:
     service.with_robot("m5")
-    assert "No agent has kept one yet" in service.http.get("/ui/robots/m5").text
+    assert "The moment it turned bad" not in service.http.get("/ui/robots/m5").text
     one = keep(service, "m5")
     put_piece(service, "m5", one, 0, 3, b"abc")
     for address in ("/ui/robots/m5", f"/ui/moments/{one}"):
@@ -228,7 +228,7 @@ def test_a_moment_is_an_event_and_on_the_pages_with_what_a_robot_says_escaped(se
         assert "cannot open &lt;b&gt;/dev/lidar&lt;/b&gt;" in page
         assert "<b>/dev" not in page
         assert f"/api/v1/moments/{one}.mcap" in page
-        assert '<svg class="plot"' in page
+        assert '<svg class="moment-plot"' in page
         assert "0 of 10 Hz for 2.1 s" in page
     parts = service.http.get("/ui/robots/m5", headers={"Robomend-Parts": "moments"}).text
     assert 'data-part="moments"' in parts

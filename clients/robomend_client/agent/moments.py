@@ -140,6 +140,7 @@ class Moments:
         self._said: dict[str, tuple[int, object]] = {}  # topic of the bus -> its last message
         self._publishers: dict[str, tuple[str, ...]] = {}  # source -> nodes
         self._nodes: dict[str, bool | None] = {}
+        self._lapses: deque[tuple[int, float]] = deque(maxlen=20)  # when nobody had looked, for how long
         self._bad: set[Atom] = set()
         self._open: _Open | None = None
         self._opened = asyncio.Event()
@@ -150,12 +151,15 @@ class Moments:
     # --- what happens ----------------------------------------------------------------------------------
 
     def sample(self, source: str, time_ns: int, value: object) -> None:
-        """An observer is fed with this."""
+        """An observer is fed with this; under no name, for so many seconds nobody has looked."""
         if isinstance(value, (Publishers, Contact)) or source in TABLES:
             self._graph(source, value)
             return
         bins = self._series.get(source)
         if bins is None:
+            if not source:
+                self._lapses.append((time_ns, float(str(value))))
+                return
             if len(self._series) >= MOST_SOURCES:
                 return
             bins = self._series[source] = deque(maxlen=self._most_bins)
@@ -297,13 +301,18 @@ class Moments:
             for name, process in self.processes.items()
         ]
         topics = {name: self.ring.topics[name] for name in one.last if name in self.ring.topics}
-        return _Facts(
-            self._clock.now_ns(), series, logs, table, topics, dict(self._publishers), dict(self._nodes)
-        )
+        graph = dict(self._publishers), dict(self._nodes)
+        return _Facts(self._clock.now_ns(), tuple(self._lapses), series, logs, table, topics, *graph)
 
     def _write_now(self, one: _Open, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         frame = make_frame(one, facts, notes)
+        frame["notes"] += (
+            f"nobody looked for {lapse_s:.1f} s until {seconds(time_ns, one.at_ns):.1f} s: what a recording "
+            "says of that time is not what was judged"
+            for time_ns, lapse_s in facts.lapses
+            if one.at_ns - self.config.before_s * SECOND <= time_ns
+        )
         if self._missed:
             frame["notes"].append(f"no moment was kept of {self._missed} literals before this one")
             self._missed = 0 if complete else self._missed
@@ -415,6 +424,7 @@ class _Facts(NamedTuple):
     """What a frame is made of."""
 
     now_ns: int
+    lapses: tuple[tuple[int, float], ...]
     series: dict[str, list[tuple[int, int, float | None]]]
     logs: dict[str, str]
     processes: list[dict[str, Any]]
@@ -470,7 +480,7 @@ def make_frame(one: _Open, facts: _Facts, notes: Sequence[str]) -> dict[str, Any
         "logs": logs[:200],
         "processes": processes[:500],
         "nodes": {clean(name, 300): runs for name, runs in list(facts.nodes.items())[:2000]},
-        "notes": found[:40],
+        "notes": found[:20],
     }
 
 
