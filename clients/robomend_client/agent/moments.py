@@ -23,7 +23,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -143,6 +143,7 @@ class Moments:
         self._lapses: deque[tuple[int, float]] = deque(maxlen=20)  # when nobody had looked, for how long
         self._bad: set[Atom] = set()
         self._open: _Open | None = None
+        self._ending: str | None = None  # the name of one whose whole frame is being written
         self._opened = asyncio.Event()
         self._waits = asyncio.Event()  # there may be something to be sent
         self._budget, self._budget_s = float(BURST), time.monotonic()
@@ -253,16 +254,20 @@ class Moments:
 
     async def _end(self, one: _Open) -> None:
         notes = await self._record(one) if self.config.record else []
-        self._open = None
+        self._open, self._ending = None, _name(one)
         self.ring.let_go()
-        await self._write(one, complete=True, notes=notes)
+        try:
+            await self._write(one, complete=True, notes=notes)
+        finally:
+            self._ending = None
+        self._waits.set()
 
     async def _record(self, one: _Open) -> list[str]:
         """Write the recording; return what is to be said of it."""
         since_ns, until_ns = one.at_ns - int(self.config.before_s * SECOND), self._clock.now_ns()
         topics = self.ring.recorded(since_ns, until_ns)
         file = self._folder / f"{_name(one)}.mcap"
-        new = file.with_suffix(".new")
+        new = file.with_suffix(f".{time.monotonic_ns()}.new")  # a thread may be left of one that was cut off
         said = {"robot": self._robot, "agent": self._agent, "at_ns": one.at_ns, "literals": one.literals}
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -278,7 +283,9 @@ class Moments:
 
     async def _write(self, one: _Open, *, complete: bool, notes: Sequence[str] = ()) -> None:
         try:
-            await asyncio.to_thread(self._write_now, one, self._facts(one), complete, notes)
+            # As it is now: more may turn bad while the thread is at work.
+            now = replace(one, literals=[*one.literals], concerned={*one.concerned}, names={*one.names})
+            await asyncio.to_thread(self._write_now, now, self._facts(one), complete, notes)
         except Exception as error:  # noqa: BLE001  # what robots say may be anything
             log.error("a moment is lost, %s: %s", one.literals[0]["literal"], error)
             with contextlib.suppress(OSError):
@@ -326,7 +333,7 @@ class Moments:
         }
         text = json.dumps(moment, separators=(",", ":"), allow_nan=False).encode()
         _make_room(self._folder, self._most_bytes, len(text), keep=_name(one))
-        new = self._folder / f"{_name(one)}.new"
+        new = self._folder / f"{_name(one)}.{time.monotonic_ns()}.new"
         try:
             new.write_bytes(text)
             new.replace(self._folder / f"{_name(one)}.json")
@@ -368,7 +375,7 @@ class Moments:
     async def _send_all(self, client: AsyncClient, quiet: Callable[[], bool], sent: set[str]) -> bool:
         """Return whether nothing is left that could be sent."""
         for file in sorted(self._folder.glob("*.json")):
-            is_open = self._open is not None and file.stem == _name(self._open)
+            is_open = file.stem == self._ending or (self._open is not None and file.stem == _name(self._open))
             if is_open and file.stem in sent:
                 continue
             if not quiet():
