@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 from tests.api.conftest import Service, StartService
+from tests.api.test_moments import moment
 
 from robomend.store import global_stop
 
@@ -59,6 +60,22 @@ def test_channels_are_observed_switched_and_protected(start: StartService, board
     noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
     assert "channel.on" in {entry["action"] for entry in noted}
     assert 'robomend_board_link{robot="r1",state="connected"} 1.0' in service.http.get("/metrics").text
+
+
+def test_a_moment_has_the_board_as_it_was_when_it_came(start: StartService, board: int) -> None:
+    service = start()
+    service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []})
+    until(service, "on(jaguar)", "not on(hokuyo)")
+    one = service.api("POST", "/robots/r1/moments", json=moment(complete=False)).json()["id"]
+    assert service.api("PUT", "/robots/r1/board/channels/3", json={"on": True}).status_code == 204
+    until(service, "on(hokuyo)")
+    assert service.api("POST", "/robots/r1/moments", json=moment()).json()["id"] == one
+    found = service.api("GET", f"/moments/{one}").json()
+    assert found["complete"]
+    assert [(each["component"], each["on"]) for each in found["board"] if each["component"] == "hokuyo"] == [
+        ("hokuyo", False)
+    ]
+    assert "Power board" in service.http.get(f"/ui/moments/{one}").text
 
 
 def test_a_board_that_is_gone_is_unknown_and_does_not_stop_the_service(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import httpx
 from tests.api.conftest import Service, StartService
+from tests.clients.talker import watching
+from tests.waiting import until
 
 from robomend.store import schema
 
@@ -101,6 +105,40 @@ def test_an_agent_that_says_the_same_key_as_anothers_has_a_moment_of_its_own(ser
     assert put_piece(service, "m4", mine, 0, 3, b"abc").status_code == 404
 
 
+def test_what_an_agent_hands_in_is_taken_whatever_the_robot_says(service: Service, tmp_path: Path) -> None:
+    service.with_robot("tedusar")
+    odd = {
+        "nan": float("nan"),
+        "markup": "<script>",
+        "bytes": "\x00\x1b[31m\u202e" * 500,
+        "long": ["x"] * 3000,
+    }
+    topics: dict[str, Any] = {"odom": {"rate_hz": 10, "tolerance_hz": 5}}
+    shouts = "import time; print('\\x00\\x07' * 3000 + '<i>'); print('y' * 10**6); time.sleep(99)"
+    processes = {"hokuyo_node": {"command": [sys.executable, "-c", shouts], "start": True}}
+    more: dict[str, Any] = {"processes": processes, "moments": {"after_s": 1.5}}
+    with watching(tmp_path, service.url, topics=topics, **more) as (_, talker):
+        talker.say("odom", data=odd)
+        until(lambda: "ok(odom)" in shown(service), "ok(odom)")
+        talker.hush("odom")
+        until(lambda: any(one["complete"] for one in listed(service, "tedusar")), "a moment")
+        log = (tmp_path / "agent.log").read_text()
+    assert "refused a moment" not in log
+    found = service.api("GET", f"/moments/{listed(service, 'tedusar')[0]['id']}").json()["frame"]
+    [odom] = [one for one in found["topics"] if one["topic"] == "odom"]
+    assert "<script>" in odom["messages"][-1]["text"]
+    [said] = found["logs"]
+    assert said["node"] == "hokuyo_node"
+    page = service.http.get("/ui/robots/tedusar").text
+    assert "<script>" not in page
+    assert "\u202e" not in page
+
+
+def shown(service: Service) -> list[str]:
+    found = service.api("GET", "/robots/tedusar/observations").json()["observations"]
+    return [one["literal"] for one in found]
+
+
 def test_what_no_robot_has_or_nobody_may_see_is_refused(start: StartService) -> None:
     service = start()
     service.with_robot("r1")
@@ -182,7 +220,7 @@ def prune(service: Service, days: float) -> None:
 
 def test_a_moment_is_an_event_and_on_the_pages_with_what_a_robot_says_escaped(service: Service) -> None:
     service.with_robot("m5")
-    assert "No agent has kept one yet" in service.http.get("/ui/robots/m5").text
+    assert "The moment it turned bad" not in service.http.get("/ui/robots/m5").text
     one = keep(service, "m5")
     put_piece(service, "m5", one, 0, 3, b"abc")
     for address in ("/ui/robots/m5", f"/ui/moments/{one}"):
@@ -190,7 +228,7 @@ def test_a_moment_is_an_event_and_on_the_pages_with_what_a_robot_says_escaped(se
         assert "cannot open &lt;b&gt;/dev/lidar&lt;/b&gt;" in page
         assert "<b>/dev" not in page
         assert f"/api/v1/moments/{one}.mcap" in page
-        assert '<svg class="plot"' in page
+        assert '<svg class="moment-plot"' in page
         assert "0 of 10 Hz for 2.1 s" in page
     parts = service.http.get("/ui/robots/m5", headers={"Robomend-Parts": "moments"}).text
     assert 'data-part="moments"' in parts

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import resource
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -67,6 +69,23 @@ def test_a_topic_that_falls_silent_comes_with_its_last_message_and_its_rate(
     assert series["kind"] == "rate"
     assert series["values"][-1] == 0
     assert series["at_s"] == sorted(series["at_s"])
+
+
+def test_time_that_nobody_looked_at_is_noted(service: ServiceDouble, tmp_path: Path) -> None:
+    """What was halted does not know what came meanwhile, and a recording does not say so."""
+    moments = {"after_s": 0, "per_hour": 3600}
+    with watching(tmp_path, service.url, topics={"scan": {}}, moments=moments) as (process, talker):
+        talker.say("scan")
+        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+        log = tmp_path / "agent.log"
+        before = log.read_text().count("nobody looked")
+        process.send_signal(signal.SIGSTOP)
+        halted_s = time.monotonic() + 0.5
+        eventually(lambda: time.monotonic() > halted_s, "it was halted for a while")
+        process.send_signal(signal.SIGCONT)
+        eventually(lambda: log.read_text().count("nobody looked") > before, "it has seen that")
+        talker.hush("scan")
+        eventually(lambda: any("nobody looked" in str(m["frame"]["notes"]) for m in complete(service)), "it")
 
 
 def test_a_process_that_ends_comes_with_its_last_words_made_safe(
@@ -181,11 +200,12 @@ def test_recording_without_what_it_needs_is_refused(tmp_path: Path) -> None:
         ("a\x00b\x1b[31m", "a\\x00b\\x1b[31m"),
         ("\ud800\u202e", "\\xd800\\x202e"),
         ("<b>ü</b>\n\t", "<b>ü</b>\n\t"),
-        ("x" * 11, "x" * 10),
+        ("x" * 11, "x" * 9 + "…"),
+        ("\x00" * 9, "\\x00\\x00\\…"),
     ],
 )
 def test_texts_are_made_safe(given: str, safe: str) -> None:
-    assert clean(given, max(10, len(safe)) if len(given) < 11 else 10) == safe
+    assert clean(given, 10 if safe.endswith("…") else 20) == safe
 
 
 def test_of_a_long_output_the_last_lines_are_there() -> None:

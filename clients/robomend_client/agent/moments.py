@@ -23,7 +23,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,6 +76,7 @@ FRAME = {"topics": 96 * 1024, "logs": 48 * 1024, "series": 64 * 1024}
 """Characters of each part of a frame."""
 
 LINE = 500
+FURTHEST_S = 1e9
 TAIL = 16 * 1024
 
 
@@ -139,8 +140,10 @@ class Moments:
         self._said: dict[str, tuple[int, object]] = {}  # topic of the bus -> its last message
         self._publishers: dict[str, tuple[str, ...]] = {}  # source -> nodes
         self._nodes: dict[str, bool | None] = {}
+        self._lapses: deque[tuple[int, float]] = deque(maxlen=20)  # when nobody had looked, for how long
         self._bad: set[Atom] = set()
         self._open: _Open | None = None
+        self._ending: str | None = None  # the name of one whose whole frame is being written
         self._opened = asyncio.Event()
         self._waits = asyncio.Event()  # there may be something to be sent
         self._budget, self._budget_s = float(BURST), time.monotonic()
@@ -149,12 +152,15 @@ class Moments:
     # --- what happens ----------------------------------------------------------------------------------
 
     def sample(self, source: str, time_ns: int, value: object) -> None:
-        """An observer is fed with this."""
+        """An observer is fed with this; under no name, for so many seconds nobody has looked."""
         if isinstance(value, (Publishers, Contact)) or source in TABLES:
             self._graph(source, value)
             return
         bins = self._series.get(source)
         if bins is None:
+            if not source:
+                self._lapses.append((time_ns, float(str(value))))
+                return
             if len(self._series) >= MOST_SOURCES:
                 return
             bins = self._series[source] = deque(maxlen=self._most_bins)
@@ -208,7 +214,7 @@ class Moments:
         if len(one.literals) < MOST_LITERALS:
             literal: dict[str, Any] = {
                 "literal": str(change.value),
-                "at_s": (change.time_ns - one.at_ns) / SECOND,
+                "at_s": seconds(change.time_ns, one.at_ns),
             }
             if change.reading is not None:
                 literal["reading"] = clean(str(change.reading), 500)
@@ -248,16 +254,20 @@ class Moments:
 
     async def _end(self, one: _Open) -> None:
         notes = await self._record(one) if self.config.record else []
-        self._open = None
+        self._open, self._ending = None, _name(one)
         self.ring.let_go()
-        await self._write(one, complete=True, notes=notes)
+        try:
+            await self._write(one, complete=True, notes=notes)
+        finally:
+            self._ending = None
+        self._waits.set()
 
     async def _record(self, one: _Open) -> list[str]:
         """Write the recording; return what is to be said of it."""
         since_ns, until_ns = one.at_ns - int(self.config.before_s * SECOND), self._clock.now_ns()
         topics = self.ring.recorded(since_ns, until_ns)
         file = self._folder / f"{_name(one)}.mcap"
-        new = file.with_suffix(".new")
+        new = file.with_suffix(f".{time.monotonic_ns()}.new")  # a thread may be left of one that was cut off
         said = {"robot": self._robot, "agent": self._agent, "at_ns": one.at_ns, "literals": one.literals}
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -273,7 +283,9 @@ class Moments:
 
     async def _write(self, one: _Open, *, complete: bool, notes: Sequence[str] = ()) -> None:
         try:
-            await asyncio.to_thread(self._write_now, one, self._facts(one), complete, notes)
+            # As it is now: more may turn bad while the thread is at work.
+            now = replace(one, literals=[*one.literals], concerned={*one.concerned}, names={*one.names})
+            await asyncio.to_thread(self._write_now, now, self._facts(one), complete, notes)
         except Exception as error:  # noqa: BLE001  # what robots say may be anything
             log.error("a moment is lost, %s: %s", one.literals[0]["literal"], error)
             with contextlib.suppress(OSError):
@@ -296,13 +308,18 @@ class Moments:
             for name, process in self.processes.items()
         ]
         topics = {name: self.ring.topics[name] for name in one.last if name in self.ring.topics}
-        return _Facts(
-            self._clock.now_ns(), series, logs, table, topics, dict(self._publishers), dict(self._nodes)
-        )
+        graph = dict(self._publishers), dict(self._nodes)
+        return _Facts(self._clock.now_ns(), tuple(self._lapses), series, logs, table, topics, *graph)
 
     def _write_now(self, one: _Open, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         frame = make_frame(one, facts, notes)
+        frame["notes"] += (
+            f"nobody looked for {lapse_s:.1f} s until {seconds(time_ns, one.at_ns):.1f} s: what a recording "
+            "says of that time is not what was judged"
+            for time_ns, lapse_s in facts.lapses
+            if one.at_ns - self.config.before_s * SECOND <= time_ns
+        )
         if self._missed:
             frame["notes"].append(f"no moment was kept of {self._missed} literals before this one")
             self._missed = 0 if complete else self._missed
@@ -316,7 +333,7 @@ class Moments:
         }
         text = json.dumps(moment, separators=(",", ":"), allow_nan=False).encode()
         _make_room(self._folder, self._most_bytes, len(text), keep=_name(one))
-        new = self._folder / f"{_name(one)}.new"
+        new = self._folder / f"{_name(one)}.{time.monotonic_ns()}.new"
         try:
             new.write_bytes(text)
             new.replace(self._folder / f"{_name(one)}.json")
@@ -358,7 +375,7 @@ class Moments:
     async def _send_all(self, client: AsyncClient, quiet: Callable[[], bool], sent: set[str]) -> bool:
         """Return whether nothing is left that could be sent."""
         for file in sorted(self._folder.glob("*.json")):
-            is_open = self._open is not None and file.stem == _name(self._open)
+            is_open = file.stem == self._ending or (self._open is not None and file.stem == _name(self._open))
             if is_open and file.stem in sent:
                 continue
             if not quiet():
@@ -414,6 +431,7 @@ class _Facts(NamedTuple):
     """What a frame is made of."""
 
     now_ns: int
+    lapses: tuple[tuple[int, float], ...]
     series: dict[str, list[tuple[int, int, float | None]]]
     logs: dict[str, str]
     processes: list[dict[str, Any]]
@@ -469,7 +487,7 @@ def make_frame(one: _Open, facts: _Facts, notes: Sequence[str]) -> dict[str, Any
         "logs": logs[:200],
         "processes": processes[:500],
         "nodes": {clean(name, 300): runs for name, runs in list(facts.nodes.items())[:2000]},
-        "notes": found[:40],
+        "notes": found[:20],
     }
 
 
@@ -501,7 +519,7 @@ def _topic(
     if name in one.said:
         time_ns, data = one.said[name]
         text = clean(json.dumps(data, ensure_ascii=False, default=str)[: 4 * most], most)
-        told["messages"] = [{"at_s": (time_ns - one.at_ns) / SECOND, "text": text}]
+        told["messages"] = [{"at_s": seconds(time_ns, one.at_ns), "text": text}]
         return told
     for kept in one.last[name][-(3 if bad else 1) :]:
         try:
@@ -513,7 +531,7 @@ def _topic(
                 text = described.text(kept.data, most)
         except Exception as error:  # noqa: BLE001  # bytes and definition come from anybody
             text = f"it cannot be read: {error}"
-        told["messages"].append({"at_s": (kept.time_ns - one.at_ns) / SECOND, "text": clean(text, most)})
+        told["messages"].append({"at_s": seconds(kept.time_ns, one.at_ns), "text": clean(text, most)})
     return told
 
 
@@ -526,7 +544,7 @@ def _series(
         return None
     if numbers:
         step = 1 if concerned else 4
-        points = [((number * BIN_NS - at_ns) / SECOND, float(value)) for number, value in numbers[::step]]
+        points = [(seconds(number * BIN_NS, at_ns), float(value)) for number, value in numbers[::step]]
         kind = "value"
     else:
         kind, points = "rate", _rates(bins, at_ns, until_ns)[-2000:]
@@ -562,10 +580,16 @@ def last_lines(output: str, most: int) -> list[str]:
 
 def clean(text: str, most: int) -> str:
     """Return a text without what a terminal or a page would obey, cut to so many characters."""
+    cut = len(text) > most
     text = text[:most]
     if not text.isprintable():
         text = "".join(one if one.isprintable() or one in "\n\t" else f"\\x{ord(one):02x}" for one in text)
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return text if len(text) <= most and not cut else text[: most - 1] + "…"
+
+
+def seconds(time_ns: int, at_ns: int) -> float:
+    """Return how long after the moment something was; clocks may have jumped by any time in between."""
+    return max(-FURTHEST_S, min(FURTHEST_S, (time_ns - at_ns) / SECOND))
 
 
 def _name(one: _Open) -> str:

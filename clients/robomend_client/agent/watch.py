@@ -49,7 +49,7 @@ class Watch:
     ) -> None:
         """
         Args:
-            seen: told of each sample: source, time, value.
+            seen: told of each sample: source, time, value; under no name, of seconds that nobody looked.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
 
         Raises:
@@ -155,6 +155,8 @@ class Watch:
                 log.debug("nobody looked for %.2f s", (at - before) / SECOND)
             drain_ns = min(max((now_ns - before_ns) // 10, DRAIN_NS), LONGEST_DRAIN_NS)
             self._tell(self.driver.lapse(now_ns + drain_ns))
+            if self._seen is not None:
+                self._seen("", now_ns, (now_ns - before_ns) / SECOND)
         return now_ns
 
     def _tell(self, changes: Sequence[Change]) -> None:

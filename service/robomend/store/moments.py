@@ -76,18 +76,26 @@ def keep(
     literals: Sequence[Json],
     complete: bool,
     data: Json,
+    board: Json,
     bounds: MomentBounds,
 ) -> StoredMoment:
     """Keep a moment, or what its agent has to add to it; one that is complete stays as it is.
+
+    Args:
+        data: its frame.
+        board: what the power board shows, which is kept as it was when the moment first came.
 
     Raises:
         NotFound: there is no such robot.
     """
     tx.existing(robot)
-    moment, packed = id_of(robot, agent, key), schema.packed(to_json(data))
+    moment = id_of(robot, agent, key)
     before = tx.first(select(_MOMENTS).where(_MOMENTS.c.id == moment))
-    if before is not None and before.complete:
-        return _moment(before)
+    if before is not None:
+        if before.complete:
+            return _moment(before)
+        board = frame(tx, _moment(before)).get("board", board)
+    packed = schema.packed(to_json({**data, "board": board}))
     values = {
         "at_ns": checked_ns(at_ns),
         "literals": to_json(list(literals)),

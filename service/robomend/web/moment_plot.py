@@ -58,7 +58,7 @@ def svg(source: str, kind: str, at_s: Sequence[float], values: Sequence[float]) 
     )
     zero = x(0.0)
     return (
-        f'<svg class="plot" viewBox="0 0 {WIDE} {HIGH}" role="img" aria-label="{escape(said)}">'
+        f'<svg class="moment-plot" viewBox="0 0 {WIDE} {HIGH}" role="img" aria-label="{escape(said)}">'
         f"<title>{escape(said)}</title>"
         f'<path class="moment" d="M{zero:.1f} {TOP - 4}V{HIGH - BOTTOM + 4}"/>'
         f'<path class="line" d="{"".join(path)}"/>'

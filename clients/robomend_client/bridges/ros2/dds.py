@@ -8,7 +8,9 @@ A topic of any type is read as bytes: the reader has the type's name, and a clas
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from types import new_class
@@ -99,6 +101,23 @@ def _unread(kind: str) -> Any:
     return final(dataclass(made))
 
 
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+KEPT_FREE = 16 * 1024 * 1024
+
+
+def keep_freed_memory() -> None:
+    """Have the C library keep some freed memory at hand.
+
+    Each large message is memory that is asked for, and freed at the next look. Given back to the kernel in
+    between, all its pages are mapped anew, which costs more than all else that is done with an image that is
+    only counted. Where the C library is not glibc nothing happens.
+    """
+    with suppress(OSError, AttributeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(M_TRIM_THRESHOLD, KEPT_FREE)
+        mallopt(M_MMAP_THRESHOLD, KEPT_FREE)
+
+
 class RawReader:
     """Reads one topic."""
 
@@ -158,6 +177,7 @@ class Dds:
         Raises:
             NoDds: the domain cannot be entered.
         """
+        keep_freed_memory()
         self._open: list[Any] = []
         self._entered = (domain, config)
         self._number = domain if number is None else number

@@ -19,6 +19,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.problems import Problem
 from robomend.api.schemas.base import MAX_INT, Items
 from robomend.api.schemas.moments import MomentBody, MomentKept, MomentLine, MomentOut, PieceKept
+from robomend.api.views import board_out
 from robomend.errors import NotFound, StateConflict
 from robomend.security import API
 from robomend.settings import Settings
@@ -71,6 +72,9 @@ async def keep_moment(robot: RobotPath, body: MomentBody, parts: PartsDep) -> Mo
     until it is complete.
     """
     value = body.model_dump(mode="json")
+    state = await parts.robots.memory.robot(robot)
+    wired = None if state.config.board is None else board_out(await parts.robots.board(robot))
+    shown = {} if wired is None else {"channels": [one.model_dump(mode="json") for one in wired.channels]}
     kept = await parts.store.write(
         partial(
             moments.keep,
@@ -81,6 +85,7 @@ async def keep_moment(robot: RobotPath, body: MomentBody, parts: PartsDep) -> Mo
             literals=value["literals"],
             complete=body.complete,
             data=value["frame"],
+            board=shown,
             bounds=bounds(parts.settings),
         ),
         robots=(robot,),
@@ -170,7 +175,9 @@ async def get_moment(moment: MomentPath, parts: PartsDep) -> MomentOut:
 def moment_out(view: View, moment: str) -> MomentOut:
     """Return a moment as it is answered."""
     found = moments.get(view, moment)
-    return MomentOut.model_validate({**line_of(found), "frame": moments.frame(view, found)})
+    frame = dict(moments.frame(view, found))
+    board = frame.pop("board", {})
+    return MomentOut.model_validate({**line_of(found), "frame": frame, "board": board.get("channels", [])})
 
 
 async def _pieces(store: Store, moment: StoredMoment) -> AsyncIterator[bytes]:

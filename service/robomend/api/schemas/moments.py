@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import In, Moment, Nanoseconds, Out, Sentence, moment_of
+from robomend.api.schemas.repair import ChannelOut
 
 Name = Annotated[str, Field(max_length=300)]
 Text = Annotated[str, Field(max_length=4000)]
@@ -123,3 +124,6 @@ class MomentOut(MomentLine):
     """A moment."""
 
     frame: MomentFrame
+    board: list[ChannelOut] = Field(
+        default=[], description="the power board, as the service measured it when the moment first came"
+    )

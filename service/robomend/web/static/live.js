@@ -2,7 +2,7 @@
 import { passedMs } from "./clock.js";
 import { refresh, refreshFor, spend, whenLost } from "./parts.js";
 
-const KINDS = ["observations", "diagnosis", "repair", "configuration", "action", "board", "robot", "model", "batch", "drill", "stop"];
+const KINDS = ["observations", "diagnosis", "repair", "configuration", "action", "board", "robot", "model", "batch", "drill", "moment", "stop"];
 const AGAIN_MS = 2000; // between two tries
 const HIDDEN_MS = 20000; // a page that nobody sees holds no connection: browsers have six for a host
 const FRAME_BYTES = 60; // around the data of an event
