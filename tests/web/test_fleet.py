@@ -69,7 +69,7 @@ def test_an_empty_list_says_how_to_begin_and_shows_no_empty_table(tmp_path: Path
     with running(Settings(port=0, data=tmp_path)) as empty:
         page = live(look(empty))
         expect(page.get_by_role("heading", name="No robots yet")).to_be_visible()
-        for way in ("robomend init robot", "robomend demo --page", "tutorial"):
+        for way in ("robomend attach", "robomend demo --page", "tutorial"):
             expect(page.locator(".first")).to_contain_text(way)
         assert page.locator("table, .counts").count() == 0
         assert serious(page) == []
