@@ -70,6 +70,13 @@ def test_a_healthy_robot_and_one_beyond_repair_get_words(capsys: pytest.CaptureF
     assert "imu: no known action makes it good" in capsys.readouterr().out
 
 
+def test_actions_are_shown_as_people_say_them_and_in_pddl(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["plan", TEDUSAR, "--observe", "not on(hokuyo)", "--planner", "asp"]) == 0
+    shown = capsys.readouterr().out
+    assert "Power up hokuyo" in shown
+    assert "power_up(hokuyo)" in shown
+
+
 def test_the_pddl_is_shown_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["plan", TEDUSAR, "--bad", "rviz", "--planner", "asp", "--pddl", "--format", "json"]) == 0
     pddl = json.loads(capsys.readouterr().out)["plan"]["pddl"]

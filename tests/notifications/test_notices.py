@@ -116,7 +116,11 @@ def test_a_robot_of_which_nothing_is_known_is_told() -> None:
     data = {"what": "health", "state": "unknown", "unknown": ["on(jaguar)", "ok(odom)"]}
     notice = told(Kind.ROBOT, data)
     assert (notice.about, notice.robot, notice.repair) == ("unknown", "r1", None)
-    assert notice.lines == ("not observed: on(jaguar), ok(odom)",)
+    assert notice.title == "r1: Nothing is heard of it"
+    assert notice.lines == (
+        "A person is needed: do its agent and its network run?",
+        "not observed: on(jaguar), ok(odom)",
+    )
 
 
 @pytest.mark.parametrize(

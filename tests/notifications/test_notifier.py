@@ -94,7 +94,7 @@ async def test_each_recipient_is_told_of_what_it_wants(store: Store, post: Post)
     await unknown(store, "r1")
     await stop(store)
     await until(store, lambda found: states(found) == ["delivered"] * 3)
-    assert sorted(post.titles("duty")) == ["r1: nothing is known of it", "the global stop was set"]
+    assert sorted(post.titles("duty")) == ["r1: Nothing is heard of it", "the global stop was set"]
     assert post.titles("lab") == ["the global stop was set"]
     await telling.close()
 
@@ -138,7 +138,7 @@ async def test_two_instances_tell_it_once(
     for n in range(20):
         await unknown(store if n % 2 else other, f"r{n}")
     await until(store, lambda found: states(found) == ["delivered"] * 20)
-    assert sorted(post.titles("duty")) == sorted(f"r{n}: nothing is known of it" for n in range(20))
+    assert sorted(post.titles("duty")) == sorted(f"r{n}: Nothing is heard of it" for n in range(20))
     for each in both:
         await each.close()
     await other.close()
@@ -151,7 +151,7 @@ async def test_the_same_is_not_told_again_within_an_hour(store: Store, post: Pos
     await unknown(store, "r1")
     await stop(store)  # comes after both
     await until(store, lambda found: len(found) == 2 and states(found) == ["delivered"] * 2)
-    assert post.titles("duty").count("r1: nothing is known of it") == 1
+    assert post.titles("duty").count("r1: Nothing is heard of it") == 1
     await telling.close()
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]  # it has no types
 from playwright.sync_api import Page, expect
-from tests.api.conftest import Service
+from tests.api.conftest import Service, running
 from tests.browser import PATIENCE_MS, Watched, keep
 from tests.web.cable import cable
 from tests.web.conftest import Look
+
+from robomend.settings import Settings
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -60,6 +63,18 @@ def test_every_robot_is_told_with_its_state_its_diagnosis_and_what_it_waits_for(
     rows = page.locator("tbody tr")
     persons = rows.evaluate_all("all => all.map(one => one.querySelectorAll('td.person').length)")
     assert persons == sorted(persons, reverse=True), "who waits for a person comes first"
+
+
+def test_an_empty_list_says_how_to_begin_and_shows_no_empty_table(tmp_path: Path, look: Look) -> None:
+    with running(Settings(port=0, data=tmp_path)) as empty:
+        page = live(look(empty))
+        expect(page.get_by_role("heading", name="No robots yet")).to_be_visible()
+        for way in ("robomend attach", "robomend demo --page", "tutorial"):
+            expect(page.locator(".first")).to_contain_text(way)
+        assert page.locator("table, .counts").count() == 0
+        assert serious(page) == []
+        empty.with_robot("first")
+        expect(page.get_by_role("link", name="first", exact=True)).to_be_visible()
 
 
 def test_search_and_filter_have_addresses(seen: Service, look: Look) -> None:

@@ -97,7 +97,7 @@ def test_versions_are_compared_and_isolability_shown_on_pages(service: Service, 
     page.get_by_role("link", name="The model").click()
     page.get_by_role("link", name="Isolability").click()
     expect(page.locator("#matrix svg")).to_be_visible()
-    expect(page.locator("pre")).to_contain_text("can be detected")
+    expect(page.locator("main .notice")).to_contain_text("can be detected")
     assert serious(page) == []
     keep(page, "isolability")
     page.get_by_label("By what this robot reports").fill("nobody")

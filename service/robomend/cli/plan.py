@@ -150,10 +150,13 @@ def _steps(plan: Plan) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table("step", "action", "after", "cost")
+    from robomend.planning.plan import action_title
+
+    table = Table("step", "action", "in PDDL", "after", "cost")
     for step in plan.steps:
         after = ", ".join(map(str, step.after))
-        table.add_row(str(step.index), escape(str(step)), after, f"{step.cost:g}")
+        title = escape(action_title(step.name, step.parameters))
+        table.add_row(str(step.index), title, escape(str(step)), after, f"{step.cost:g}")
     return table
 
 

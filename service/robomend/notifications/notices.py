@@ -23,8 +23,9 @@ from urllib.parse import quote
 
 from robomend.drills.states import DrillState
 from robomend.planning.plan import action_titles
-from robomend.repairs.headline import of_repair, short, told
+from robomend.repairs.headline import Facts, headline, of_repair, short, told
 from robomend.repairs.states import ChangeState, RepairState
+from robomend.robots.health import HealthState
 from robomend.timestamps import rfc3339
 from robomend_client.events import Event, Kind
 
@@ -124,8 +125,8 @@ def _of_repair(event: Event) -> Notice | None:
     repair, reason = str(data.get("id")), _short(data.get("reason") or "")
     plan = [str(step.get("text")) for step in data.get("plan") or ()]
     diagnosis = data.get("diagnosis") or {}
-    headline = of_repair(data)
-    what, then = (told(words, event.time_ns) for words in (headline.what, headline.then))
+    said = of_repair(data)
+    what, then = (told(words, event.time_ns) for words in (said.what, said.then))
     lines = [then]
     if state == RepairState.AWAITING_APPROVAL:
         about = "approval"
@@ -194,9 +195,11 @@ def _of_robot(event: Event) -> Notice | None:
     if data.get("what") != "health" or data.get("state") != "unknown":
         return None
     silent = [str(atom) for atom in data.get("unknown") or ()]
-    lines = (f"not observed: {_listed(silent, ', ')}",) if silent else ()
-    title = f"{event.robot}: nothing is known of it"
-    return Notice("unknown", f"unknown:{event.robot}", event.robot, None, event.time_ns, title, lines)
+    said = headline(Facts(HealthState.UNKNOWN, unknown=silent))
+    what, then = (told(words, event.time_ns) for words in (said.what, said.then))
+    lines = [then, f"not observed: {_listed(silent, ', ')}"] if silent else [then]
+    title = f"{event.robot}: {what.rstrip('.')}"
+    return Notice("unknown", f"unknown:{event.robot}", event.robot, None, event.time_ns, title, tuple(lines))
 
 
 def _of_stop(event: Event) -> Notice:

@@ -19,9 +19,11 @@ NEVER, SOMETIMES, UNKNOWN, SELF = "#c8553d", "#e3a690", "#9aa5b1", "#d9dee3"
 INK, MUTED, GRID = "#1f2933", "#616e7c", "#eef1f4"
 FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
-CELL, LETTERS = 14, 11  # pixels
+CELL, LETTERS = 20, 13  # pixels
 TOP, MARGIN = 64, 16
-LEGEND = 170  # of one mark and its words; two stand side by side, as a phone has room for
+TOLD = {"-": "never told apart", "~": "told apart by some of what the first shows", "?": "not known"}
+"""What is marked, in the titles of the marks."""
+LEGEND = 190  # of one mark and its words; two stand side by side, as a phone has room for
 MOST_ROWS = 200
 """Faults in one figure; what is left out is said in it."""
 MOST_NAME = 260
@@ -37,13 +39,13 @@ def isolability_matrix(
     wide = min(max((width(name, LETTERS) for name in names), default=0.0), MOST_NAME) + 12
     left, top = MARGIN + wide, TOP + wide
     all_wide = max(left + count * CELL, MARGIN + 2 * LEGEND, MARGIN + len(title) * 8) + MARGIN
-    height = top + count * CELL + 76
+    height = top + count * CELL + 100
     out = [
         f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {all_wide:.0f} {height:.0f}' "
-        f"width='{all_wide:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
+        f"width='{all_wide:.0f}' height='{height:.0f}' role='img' {FONT} font-size='13' fill='{INK}'>",
         f"<title>{escape(title)}</title>",
         f"<rect width='{all_wide:.0f}' height='{height:.0f}' fill='white'/>",
-        f"<text x='{MARGIN}' y='24' font-size='14' font-weight='600'>{escape(title)}</text>",
+        f"<text x='{MARGIN}' y='24' font-size='16' font-weight='600'>{escape(title)}</text>",
         f"<text x='{MARGIN}' y='42' fill='{MUTED}'>Can the fault of the row be told from that of the column?"
         f"{f' The first {count} of {len(faults)}.' if count < len(faults) else ''}</text>",
     ]
@@ -51,12 +53,12 @@ def isolability_matrix(
         x, y = left + index * CELL, top + index * CELL
         faint = f" fill='{MUTED}' font-style='italic'" if detectable[index] is False else ""
         lines = f"M{left:.1f} {y:.1f}h{count * CELL}M{x:.1f} {top:.1f}v{count * CELL}"
-        turned = f"translate({x + 11:.1f} {top - 6:.1f}) rotate(-90)"
+        turned = f"translate({x + 14:.1f} {top - 6:.1f}) rotate(-90)"
         shown = cut(name, MOST_NAME, LETTERS)
         whole = f"<title>{escape(name)}</title>" if shown != name else ""
         told = f"{faint}>{whole}{escape(shown)}</text>"
         out += [
-            f"<text x='{left - 6:.1f}' y='{y + 11:.1f}' text-anchor='end'{told}",
+            f"<text x='{left - 6:.1f}' y='{y + 14:.1f}' text-anchor='end'{told}",
             f"<text transform='{turned}'{told}",
             f"<path d='{lines}' stroke='{GRID}'/>",
         ]
@@ -64,29 +66,34 @@ def isolability_matrix(
     out.append(f"<path d='{end}' fill='none' stroke='{GRID}'/>")
     for index in range(count):
         for other in range(count):
-            out.append(_cell(matrix[index][other], left + other * CELL, top + index * CELL))
-    for place, (mark, words) in enumerate(
-        (("-", "never"), ("~", "by some of what it shows"), ("+", "whatever it shows"), ("?", "not known"))
+            found = matrix[index][other]
+            mark = _cell(found, left + other * CELL, top + index * CELL)
+            said = escape(f"{names[index]}, {names[other]}: {TOLD.get(found)}")
+            out.append(f"<g>{mark}<title>{said}</title></g>" if found in TOLD else mark)
+    for place, (kind, words) in enumerate(
+        (("-", "never"), ("~", "by some of what it shows"), ("+", "always"), ("?", "not known"))
     ):
-        x, y = MARGIN + place % 2 * LEGEND, top + count * CELL + 22 + place // 2 * 20
+        x, y = MARGIN + place % 2 * LEGEND, top + count * CELL + 22 + place // 2 * 26
         frame = f"<path d='M{x:.1f} {y:.1f}h{CELL}v{CELL}h{-CELL}z' fill='none' stroke='{GRID}'/>"
-        out += [frame, _cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
+        out += [frame, _cell(kind, x, y), f"<text x='{x + CELL + 6:.1f}' y='{y + 14:.1f}'>{words}</text>"]
     out.append(
-        f"<text x='{MARGIN}' y='{y + 28:.1f}' fill='{MUTED}'>in italics: cannot be detected at all</text>"
+        f"<text x='{MARGIN}' y='{y + 40:.1f}' fill='{MUTED}'>in italics: cannot be detected at all</text>"
     )
     return "".join(filter(None, [*out, "</svg>"])) + "\n"
 
 
 def _cell(place: str, x: float, y: float) -> str:
+    half = CELL / 2
     if place == "-":
-        return f"<rect x='{x + 1:.1f}' y='{y + 1:.1f}' width='12' height='12' fill='{NEVER}'/>"
+        wide = CELL - 2
+        return f"<rect x='{x + 1:.1f}' y='{y + 1:.1f}' width='{wide}' height='{wide}' fill='{NEVER}'/>"
     if place == "~":
         return (
-            f"<circle cx='{x + 7:.1f}' cy='{y + 7:.1f}' r='4' fill='none' stroke='{SOMETIMES}' "
-            "stroke-width='2'/>"
+            f"<circle cx='{x + half:.1f}' cy='{y + half:.1f}' r='5.5' fill='none' stroke='{SOMETIMES}' "
+            "stroke-width='2.5'/>"
         )
     if place == "?":
-        return f"<text x='{x + 4:.1f}' y='{y + 11:.1f}' fill='{UNKNOWN}'>?</text>"
+        return f"<text x='{x + 6:.1f}' y='{y + 15:.1f}' fill='{UNKNOWN}'>?</text>"
     if place == "=":
-        return f"<rect x='{x + 4:.1f}' y='{y + 4:.1f}' width='6' height='6' fill='{SELF}'/>"
+        return f"<rect x='{x + half - 3:.1f}' y='{y + half - 3:.1f}' width='6' height='6' fill='{SELF}'/>"
     return ""

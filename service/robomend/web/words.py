@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,9 +32,15 @@ REPAIR_STATES: dict[str, str] = {
 
 
 def without(reason: str, bad: Sequence[str]) -> str:
-    """Return why a diagnosis was chosen, without its components in front: they are named right before."""
+    """Return why a diagnosis was chosen, without its components in front, which are named right before, and
+    without a cost that nothing is compared with.
+    """
     names = f"{', '.join(bad)}: "
-    return reason[len(names) :] if bad and reason.startswith(names) else reason
+    reason = reason[len(names) :] if bad and reason.startswith(names) else reason
+    return LONE_COST.sub("", reason)
+
+
+LONE_COST = re.compile(r"; to be repaired at cost [\d.]+$")
 
 
 def repair_state(state: str) -> str:
