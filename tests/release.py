@@ -248,6 +248,9 @@ def packed(release: Release, package: Package, base: Path, wheelhouse: Path) -> 
         copy(given / unit, tree / "lib" / "systemd" / "system" / unit)
     about = tree / "usr" / "share" / "doc" / package.name
     copy(release.root / "LICENSE", about / "copyright")
+    manual = Path("lib", f"python{PYTHON}", "site-packages", "robomend", "data", "docs")
+    if (environment / manual).is_dir():
+        link(about / "docs", f"{package.prefix}/{manual}")
     changelog = gzip.compress((release.root / "CHANGELOG.md").read_bytes(), mtime=0)
     (about / "changelog.gz").write_bytes(changelog)
     control = tree / "DEBIAN"

@@ -20,6 +20,7 @@ import pytest
 from tests.bare_root import NoRoot, bare_root
 from tests.blocks import ROOT
 from tests.other_root import OtherRoot, other_root
+from tests.test_installing import steps
 from tests.waiting import until
 
 pytestmark = pytest.mark.timeout(1500)
@@ -244,6 +245,8 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
         container = run(*buildah, "from", "--pull-never", image)
         config = json.loads(run(*buildah, "inspect", container))["Docker"]["config"]
         agent_file = tmp_path / "agent.yaml"
+        # OCI has no place for it; Docker and Podman have, where they build the file themselves.
+        health = json.loads(dict(steps())["HEALTHCHECK"].partition("CMD ")[2])
 
         # A network of its own: its port is taken by nobody.
         network = subprocess.Popen(
@@ -278,7 +281,7 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
 
             def healthy() -> bool:
                 assert started[0].poll() is None, "the service ended"
-                probe = [*inside, container, "--", *config["Healthcheck"]["Test"][1:]]
+                probe = [*inside, container, "--", *health]
                 return subprocess.run(probe, capture_output=True, timeout=60).returncode == 0
 
             until(healthy, "the image's service is healthy", 120)
@@ -287,14 +290,14 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
 
             agent_file.write_text(AGENT.format(port=8600, key=f", key: {key}"))
             agent_file.chmod(0o644)
-            mount = ("--volume", f"{agent_file}:/agent.yaml:ro")
+            mount = ("--volume", f"{agent_file}:/var/lib/robomend/agent.yaml:ro")
             agent = [
                 *inside,
                 *mount,
                 container,
                 "--",
                 f"{Path(program).parent}/robomend-agent",
-                "/agent.yaml",
+                "agent.yaml",
             ]
             started.append(subprocess.Popen(agent))
             assert within(python, "-c", SEEN, URL, key) == "seen"
