@@ -165,6 +165,7 @@ def test_the_packages_give_a_robot_that_is_diagnosed_upgraded_rolled_back_and_le
     asked(debian, REPORT, "tedusar.yaml")
     assert json.loads(asked(debian, DIAGNOSED)) == [["jaguar"]]
     assert "r1" in debian.run("robomend status")
+    assert "Model Context Protocol" in debian.run("robomend mcp --help")
 
     # Nobody has configured the robot's side yet: it waits for its file.
     assert debian.run("systemctl is-enabled robomend-agent").strip() == "enabled"
