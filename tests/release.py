@@ -323,7 +323,8 @@ def tried(release: Release) -> str:
     """Installed, started, upgraded, rolled back and removed on a bare Debian."""
     file = release.root / "tests" / "test_release_files.py"
     options = ("-q", "-rs", "--rootdir", release.root, "--release", release.dist)
-    said = release.run(sys.executable, "-m", "pytest", *options, file).strip()
+    run = (sys.executable, "-m", "pytest", *options, file)
+    said = release.run(*run, PYTHONPATH=str(release.root)).strip()
     if "SKIPPED" in said:
         raise Amiss(" ".join(line for line in said.splitlines() if line.startswith("SKIPPED")))
     return said.splitlines()[-1].strip("= ")

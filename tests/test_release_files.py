@@ -204,7 +204,9 @@ def test_the_packages_give_a_robot_that_is_diagnosed_upgraded_rolled_back_and_le
     answers(debian)
     installed(debian, *first, more="--allow-downgrades")
     until(lambda: "a newer robomend" in debian.run("journalctl -u robomend"), "it refuses a newer schema", 60)
-    debian.run(f"systemctl stop robomend && rm {data}/robomend.db* && mv {data}/before.db {data}/robomend.db")
+    debian.run(
+        f"systemctl stop robomend && rm -r {data}/robomend.db* && mv {data}/before.db {data}/robomend.db"
+    )
     debian.run("systemctl reset-failed robomend; systemctl start robomend")
     answers(debian)
     assert json.loads(asked(debian, DIAGNOSED)) == [["jaguar"]]
@@ -289,14 +291,14 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
             within(python, "-c", REPORT, URL, key, given=(ROOT / "examples" / "tedusar.yaml").read_text())
             assert json.loads(within(python, "-c", DIAGNOSED, URL, key)) == [["jaguar"]]
 
-            agent_file.write_text(AGENT.format(port=8600, key=f", key: {key}"))
+            agent_file.write_text(AGENT.format(port=8600, key=", key_env: ROBOMEND_KEY"))
             agent_file.chmod(0o644)
             mount = ("--volume", f"{agent_file}:/var/lib/robomend/agent.yaml:ro")
             agent = [
                 *inside,
                 *mount,
                 container,
-                "--",
+                *("--", "env", f"ROBOMEND_KEY={key}"),
                 f"{Path(program).parent}/robomend-agent",
                 "agent.yaml",
             ]
