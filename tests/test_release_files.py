@@ -213,7 +213,10 @@ def test_the_packages_give_a_robot_that_is_diagnosed_upgraded_rolled_back_and_le
 
     debian.run("DEBIAN_FRONTEND=noninteractive apt-get -q -y remove robomend robomend-agent")
     assert (
-        debian.run("ls /opt; systemctl is-active robomend robomend-agent || true").split() == ["inactive"] * 2
+        debian.run(
+            "ls -d /opt/* 2> /dev/null || true; systemctl is-active robomend robomend-agent || true"
+        ).split()
+        == ["inactive"] * 2
     )
     assert "robomend.db" in debian.run("ls /var/lib/robomend")
     debian.run("DEBIAN_FRONTEND=noninteractive apt-get -q -y purge robomend robomend-agent")
