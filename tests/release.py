@@ -248,6 +248,9 @@ def packed(release: Release, package: Package, base: Path, wheelhouse: Path) -> 
         copy(given / unit, tree / "lib" / "systemd" / "system" / unit)
     about = tree / "usr" / "share" / "doc" / package.name
     copy(release.root / "LICENSE", about / "copyright")
+    manual = Path("lib", f"python{PYTHON}", "site-packages", "robomend", "data", "docs")
+    if (environment / manual).is_dir():
+        link(about / "docs", f"{package.prefix}/{manual}")
     changelog = gzip.compress((release.root / "CHANGELOG.md").read_bytes(), mtime=0)
     (about / "changelog.gz").write_bytes(changelog)
     control = tree / "DEBIAN"
@@ -320,7 +323,8 @@ def tried(release: Release) -> str:
     """Installed, started, upgraded, rolled back and removed on a bare Debian."""
     file = release.root / "tests" / "test_release_files.py"
     options = ("-q", "-rs", "--rootdir", release.root, "--release", release.dist)
-    said = release.run(sys.executable, "-m", "pytest", *options, file).strip()
+    run = (sys.executable, "-m", "pytest", *options, file)
+    said = release.run(*run, PYTHONPATH=str(release.root)).strip()
     if "SKIPPED" in said:
         raise Amiss(" ".join(line for line in said.splitlines() if line.startswith("SKIPPED")))
     return said.splitlines()[-1].strip("= ")

@@ -20,6 +20,7 @@ import pytest
 from tests.bare_root import NoRoot, bare_root
 from tests.blocks import ROOT
 from tests.other_root import OtherRoot, other_root
+from tests.test_installing import steps
 from tests.waiting import until
 
 pytestmark = pytest.mark.timeout(1500)
@@ -164,6 +165,7 @@ def test_the_packages_give_a_robot_that_is_diagnosed_upgraded_rolled_back_and_le
     asked(debian, REPORT, "tedusar.yaml")
     assert json.loads(asked(debian, DIAGNOSED)) == [["jaguar"]]
     assert "r1" in debian.run("robomend status")
+    assert "Model Context Protocol" in debian.run("robomend mcp --help")
 
     # Nobody has configured the robot's side yet: it waits for its file.
     assert debian.run("systemctl is-enabled robomend-agent").strip() == "enabled"
@@ -202,14 +204,19 @@ def test_the_packages_give_a_robot_that_is_diagnosed_upgraded_rolled_back_and_le
     answers(debian)
     installed(debian, *first, more="--allow-downgrades")
     until(lambda: "a newer robomend" in debian.run("journalctl -u robomend"), "it refuses a newer schema", 60)
-    debian.run(f"systemctl stop robomend && rm {data}/robomend.db* && mv {data}/before.db {data}/robomend.db")
+    debian.run(
+        f"systemctl stop robomend && rm -r {data}/robomend.db* && mv {data}/before.db {data}/robomend.db"
+    )
     debian.run("systemctl reset-failed robomend; systemctl start robomend")
     answers(debian)
     assert json.loads(asked(debian, DIAGNOSED)) == [["jaguar"]]
 
     debian.run("DEBIAN_FRONTEND=noninteractive apt-get -q -y remove robomend robomend-agent")
     assert (
-        debian.run("ls /opt; systemctl is-active robomend robomend-agent || true").split() == ["inactive"] * 2
+        debian.run(
+            "ls -d /opt/* 2> /dev/null || true; systemctl is-active robomend robomend-agent || true"
+        ).split()
+        == ["inactive"] * 2
     )
     assert "robomend.db" in debian.run("ls /var/lib/robomend")
     debian.run("DEBIAN_FRONTEND=noninteractive apt-get -q -y purge robomend robomend-agent")
@@ -244,6 +251,8 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
         container = run(*buildah, "from", "--pull-never", image)
         config = json.loads(run(*buildah, "inspect", container))["Docker"]["config"]
         agent_file = tmp_path / "agent.yaml"
+        # OCI has no place for it; Docker and Podman have, where they build the file themselves.
+        health = json.loads(dict(steps())["HEALTHCHECK"].partition("CMD ")[2])
 
         # A network of its own: its port is taken by nobody.
         network = subprocess.Popen(
@@ -278,23 +287,23 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
 
             def healthy() -> bool:
                 assert started[0].poll() is None, "the service ended"
-                probe = [*inside, container, "--", *config["Healthcheck"]["Test"][1:]]
+                probe = [*inside, container, "--", *health]
                 return subprocess.run(probe, capture_output=True, timeout=60).returncode == 0
 
             until(healthy, "the image's service is healthy", 120)
             within(python, "-c", REPORT, URL, key, given=(ROOT / "examples" / "tedusar.yaml").read_text())
             assert json.loads(within(python, "-c", DIAGNOSED, URL, key)) == [["jaguar"]]
 
-            agent_file.write_text(AGENT.format(port=8600, key=f", key: {key}"))
+            agent_file.write_text(AGENT.format(port=8600, key=", key_env: ROBOMEND_KEY"))
             agent_file.chmod(0o644)
-            mount = ("--volume", f"{agent_file}:/agent.yaml:ro")
+            mount = ("--volume", f"{agent_file}:/var/lib/robomend/agent.yaml:ro")
             agent = [
                 *inside,
                 *mount,
                 container,
-                "--",
+                *("--", "env", f"ROBOMEND_KEY={key}"),
                 f"{Path(program).parent}/robomend-agent",
-                "/agent.yaml",
+                "agent.yaml",
             ]
             started.append(subprocess.Popen(agent))
             assert within(python, "-c", SEEN, URL, key) == "seen"

@@ -296,7 +296,7 @@ def test_a_wrong_key_and_no_service_end_it_in_one_line(say: Say, guarded: Guarde
     assert (code, out) == (2, "")
     assert len(err.splitlines()) <= 3
     code, _, err = say("mcp", "--url", "http://127.0.0.1:9", "--key", "rm_x")
-    assert code == 2
+    assert code == 3
     assert "127.0.0.1:9" in err
 
 

@@ -28,10 +28,11 @@ from pydantic import BaseModel, Field
 
 from robomend.cli.remote.connection import DEFAULT_URL, TIMEOUT_S, service_options
 from robomend.cli.tables import printable
-from robomend.errors import InputError
+from robomend.errors import BackendError, InputError
 from robomend.repairs.states import RepairState
 from robomend.resources import resources
 from robomend_client.rest import ApiError, AsyncClient, ClientError, Retry, calls
+from robomend_client.rest.errors import Unauthorized
 
 try:
     from mcp.server.mcpserver import (
@@ -478,6 +479,8 @@ def command(url: str, key: str | None) -> None:
     try:
         # Without a key a service on loopback takes everybody for its admin: that is no operator's word.
         acts = key is not None and asyncio.run(may_act(url, key))
-    except (ClientError, httpx.InvalidURL) as error:
+    except (Unauthorized, httpx.InvalidURL) as error:
         raise InputError(f"{url}: {error}") from error
+    except ClientError as error:
+        raise BackendError(f"{url}: {error}") from error
     server(url, key, acts=acts).run("stdio")
