@@ -17,7 +17,8 @@ PAGES = (
 MOST_WORDS = {"a sentence": 40, "README.md": 700, "docs/*.md": 50_000}
 
 CODE = re.compile(r"^( *)```(?s:.*?)^\1```$|^    .*$|<!--(?s:.*?)-->", re.MULTILINE)
-COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+COMMENT = re.compile(r"<!--.*?-->|```mermaid\n.*?```", re.DOTALL)
+"""What nobody reads as words: comments, and the source of diagrams, which are pictures on the site."""
 PARAGRAPH = re.compile(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )|\n(?=[|#])| \| ")
 """Where a sentence ends without a full stop: at an empty line, an item of a list, a heading, a cell."""
 END = re.compile(r"(?<=[.!?])[)\"*]*\s+")

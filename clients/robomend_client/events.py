@@ -20,9 +20,7 @@ class Kind(StrEnum):
     DIAGNOSIS = "diagnosis"  # data: revision, result as in GET …/diagnosis
     REPAIR = "repair"  # data: repair id, state, diagnosis, plan, reason
     ACTION = "action"  # data: action id (`repair:step`), name, parameters, state, result, message, feedback
-    CONFIGURATION = (
-        "configuration"  # data: change id, state, changes (function, from, to, reason), plan, reason
-    )
+    CONFIGURATION = "configuration"  # data: change id, state, changes (function, from, to), plan, reason
     BOARD = "board"  # data: link state, or channels
     ROBOT = "robot"  # data: what changed (created, updated, deleted, quarantine, owner)
     MODEL = "model"  # data: model name, version

@@ -19,12 +19,12 @@ from tests.clients.observers import test_kinds
 from tests.model import test_component_yaml, test_functions
 
 from robomend.cli.commands import cli
-from robomend.cli.robot_file import read_robot
+from robomend.cli.robot_file import plain
 from robomend.cli.schema import FILES, schema_line, schema_name, schema_of, schema_text, shown
-from robomend.errors import InputError
 from robomend.model import component_yaml
 from robomend.model.json_schema import component_schema
 from robomend_client.observers.schema import kind_schema
+from robomend_client.yaml_tree import YamlError, read_tree
 
 EXAMPLES = ROOT / "examples"
 
@@ -36,9 +36,7 @@ def validator(file: str) -> Draft202012Validator:
 
 def complaint(file: str, text: str, folder: Path) -> str:
     """Return what a schema finds wrong with a text, as an editor would read it (YAML 1.2); empty: nothing."""
-    path = folder / "text.yaml"
-    path.write_text(text, encoding="utf-8")
-    error = next(iter(validator(file).iter_errors(read_robot(path))), None)
+    error = next(iter(validator(file).iter_errors(plain(read_tree(text)))), None)
     return "" if error is None else str(error.message)
 
 
@@ -127,7 +125,7 @@ def test_a_model_that_is_refused_for_its_structure_is_refused_by_the_schema(
     text = test_component_yaml.FULL.replace(old, new, 1)
     try:
         found = complaint("model", text, tmp_path)
-    except InputError:  # no YAML
+    except YamlError:  # no YAML
         found = ""
     assert (found == "") == (new in BEYOND_MODEL)
 
@@ -183,7 +181,7 @@ def test_an_agents_file_that_is_refused_for_its_structure_is_refused_by_the_sche
 ) -> None:
     try:
         found = complaint("agent", test_agent_config.WHOLE.replace(old, new, 1), tmp_path)
-    except InputError:  # no YAML
+    except YamlError:  # no YAML
         found = ""
     assert (found == "") == (new in BEYOND_AGENT)
 

@@ -18,7 +18,7 @@ from tests.clients.service_double import ServiceDouble, eventually, service_doub
 from tests.clients.talker import watching
 
 from robomend_client.agent.moments import clean, last_lines
-from robomend_client.agent.ring import Described, Ring, write
+from robomend_client.agent.ring import Ring, TopicDescription, write
 from robomend_client.observers import SECOND
 
 SAYS = """
@@ -215,7 +215,9 @@ def test_of_a_long_output_the_last_lines_are_there() -> None:
 
 # --- the ring ---------------------------------------------------------------------------------------------
 
-PLAIN = Described("std_msgs/msg/String", "string data", "ros2msg", "cdr", lambda data, most: data.decode())
+PLAIN = TopicDescription(
+    "std_msgs/msg/String", "string data", "ros2msg", "cdr", lambda data, most: data.decode()
+)
 
 
 def ring(memory: int, before_s: float = 30.0) -> Ring:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
-from robomend.model.from_graph import Steady, first_model, model_from_graph, rests, steady
+from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady
 from robomend.model.loading import load_text
 from robomend_client.literals import fails
 from robomend_client.observers.rate import Rate
@@ -178,7 +178,7 @@ def test_the_silence_of_what_was_silent_blames_nobody_and_that_of_another_its_no
 )
 def test_a_rate_is_told_of_what_came_steadily(topic: HeardTopic, told: float | str) -> None:
     found = steady(topic, 60 * SECOND)
-    assert (round(found.rate_hz, 2) if isinstance(found, Steady) else found) == told
+    assert (round(found.rate_hz, 2) if isinstance(found, SteadyTopic) else found) == told
 
 
 @given(rate_hz=st.floats(0.2, 60), gap_s=st.floats(0, 5))
@@ -186,7 +186,7 @@ def test_the_bounds_are_those_of_the_plain_rule(rate_hz: float, gap_s: float) ->
     before = came(rate_hz, 30)
     topic = Ear([*before.stamps, *(t + round((30 + gap_s) * SECOND) for t in before.stamps)]).heard()
     found = steady(topic, topic.last_ns)
-    assert isinstance(found, Steady)
+    assert isinstance(found, SteadyTopic)
     assert found.silence_s == pytest.approx(max(1, 10 / topic.rate_hz, 3 * topic.longest_s))
     assert found.tolerance_hz >= 0.4 * topic.rate_hz * 0.999
     Rate(found.rate_hz, found.tolerance_hz, found.window, found.silence_s, settle=found.settle)

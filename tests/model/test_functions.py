@@ -10,7 +10,7 @@ from robomend.errors import ModelError, ObservationError
 from robomend.model.checking import check
 from robomend.model.components import Criticality, Variant
 from robomend.model.five_key import five_key_of
-from robomend.model.functions import Comparison, holds, in_order, need_of
+from robomend.model.functions import Threshold, holds, in_order, need_of
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
 from robomend.web import graph
@@ -191,7 +191,7 @@ def test_within_its_margin_a_comparison_counts_as_it_did(
     )
     assert enters in {False, plain}
     assert plain in {False, stays}
-    whole = Comparison(Atom("ok", ("visibility",)), sign, bound, 0.0).holds(measured)
+    whole = Threshold(Atom("ok", ("visibility",)), sign, bound, 0.0).holds(measured)
     assert plain == (whole != negated)
     if abs(measured - bound) > margin + 1e-9:
         assert enters == plain == stays

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robomend.entry import Entry
 from robomend.observations.pending import (
     SLACK_NS,
-    Heard,
+    LastHeard,
     first_fallen,
     newest_onset,
     pending,
@@ -203,7 +203,7 @@ def test_how_long_a_verdict_is_pending_is_a_matter_of_its_own_observer() -> None
 
 
 def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
-    heard = Heard()
+    heard = LastHeard()
     for n in range(5):
         heard.hear("agent", n * S, again=True, lives_ns=2 * S)
     assert heard.usual_ns("agent") == S
@@ -216,7 +216,7 @@ def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
 
 
 def test_who_is_cut_off_again_is_known_to_be_and_who_speaks_more_seldom_from_now_on_is_not() -> None:
-    heard = Heard()
+    heard = LastHeard()
     times = [*range(8), *range(12, 18), *range(22, 26)]
     for s in times:
         heard.hear("agent", s * S, again=True, lives_ns=9 * S)
@@ -228,7 +228,7 @@ def test_who_is_cut_off_again_is_known_to_be_and_who_speaks_more_seldom_from_now
 
 
 def test_what_was_said_while_the_way_was_cut_off_and_comes_through_later_does_not_hide_that() -> None:
-    heard = Heard()
+    heard = LastHeard()
     for s in range(6):
         heard.hear("agent", s * S, again=True, lives_ns=9 * S, arrived_ns=s * S)
     for s in range(6, 10):
@@ -237,7 +237,7 @@ def test_what_was_said_while_the_way_was_cut_off_and_comes_through_later_does_no
 
 
 def test_who_speaks_on_change_only_is_never_silent_and_nobody_is_before_its_rhythm_is_known() -> None:
-    heard = Heard()
+    heard = LastHeard()
     for n in range(20):
         heard.hear("on change", n * S, again=False, lives_ns=0)
         heard.hear("repeats", n * S, again=True, lives_ns=0)

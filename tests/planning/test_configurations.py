@@ -14,7 +14,7 @@ from robomend.errors import ModelError
 from robomend.model.functions import needs_of
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.configurations import Change, Decision, Keeper, Known, Made, change_plan
+from robomend.planning.configurations import Decision, Keeper, KnownState, Made, VariantChange, change_plan
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
 from robomend.planning.plan import Outcome, Plan
@@ -55,7 +55,7 @@ class Water:
         self.keeper = Keeper()
 
     def decide(self, now_s: float, *, act: bool = True) -> Decision:
-        known = Known(
+        known = KnownState(
             lambda atom: atom.args[1] == self.active if atom.predicate == "active" else None,
             lambda atom: self.visibility,
             self.diagnoses,
@@ -71,7 +71,7 @@ class Water:
 def test_suave_flies_at_the_right_altitude_but_for_moments() -> None:
     """The published uncertainty: 2.5 ± 1.25 m, period 80 s, for 110 s; seen ten times a second."""
     water, wrong_s = Water(), 0.0
-    changes: list[Change] = []
+    changes: list[VariantChange] = []
     for tick in range(1100):
         now_s = tick / 10
         water.visibility = 2.5 + 1.25 * math.sin(2 * math.pi * now_s / 80)
@@ -88,7 +88,7 @@ def test_suave_flies_at_the_right_altitude_but_for_moments() -> None:
 def test_a_condition_that_flaps_ends_with_the_safer_variant(dwell_s: float, period_s: float) -> None:
     """It crosses its threshold after each period, for ten minutes."""
     water = Water(SUAVE.replace("dwell_s: 0.3", f"dwell_s: {dwell_s}"), "high")
-    changes: list[Change] = []
+    changes: list[VariantChange] = []
     for tick in range(6000):
         now_s = tick / 10
         water.visibility = 3.0 if int(now_s / period_s) % 2 else 3.5
@@ -106,7 +106,7 @@ def test_a_condition_that_flaps_ends_with_the_safer_variant(dwell_s: float, peri
 
 def test_what_flaps_slowly_ends_with_the_safer_variant_by_the_bound_of_an_hour() -> None:
     water = Water(SUAVE.replace("dwell_s: 0.3", "dwell_s: 1\n    changes_per_hour: 6"), "high")
-    changes: list[Change] = []
+    changes: list[VariantChange] = []
     for now_s in range(3500):
         water.visibility = 3.0 if now_s // 60 % 2 else 3.5
         changes += water.decide(now_s).changes
@@ -124,13 +124,17 @@ def test_to_what_is_worse_is_changed_at_once_and_back_after_the_dwell() -> None:
     assert water.decide(0).changes == ()
     water.visibility = 2.9
     (change,) = water.decide(10).changes
-    assert change == Change("altitude", "high", "medium", "visibility fell to 2.9, at least 3.25", False)
+    assert change == VariantChange(
+        "altitude", "high", "medium", "visibility fell to 2.9, at least 3.25", False
+    )
     water.visibility = 3.6
     found = water.decide(20)
     assert (found.changes, found.again_ns) == ((), 25 * S)
     assert water.decide(24.9).changes == ()
     (change,) = water.decide(25).changes
-    assert change == Change("altitude", "medium", "high", "visibility rose to 3.6, at least 3.25", True)
+    assert change == VariantChange(
+        "altitude", "medium", "high", "visibility rose to 3.6, at least 3.25", True
+    )
 
 
 def test_a_fault_is_bridged_by_the_variant_that_does_without() -> None:
@@ -171,7 +175,7 @@ def test_nothing_is_done_on_what_nobody_reports() -> None:
 
 def test_two_active_variants_are_said_and_nothing_is_done() -> None:
     water = Water()
-    known = Known(lambda atom: atom.predicate == "active", lambda atom: 5.0)
+    known = KnownState(lambda atom: atom.predicate == "active", lambda atom: 5.0)
     found = water.keeper.decide(water.model, water.system.conditions, known, 0)
     assert found.changes == ()
     assert found.states["altitude"].held.endswith("are reported active: high, medium, low")
@@ -291,7 +295,7 @@ def test_the_chosen_configuration_is_optimal_on_500_small_models() -> None:
         def measured(atom: Atom, numbers: dict[str, float] = numbers) -> float:
             return numbers[atom.args[0]]
 
-        known = Known(value, measured, [bad])
+        known = KnownState(value, measured, [bad])
         found = Keeper().decide(model, system.conditions, known, 0)
         best = brute_force(system, bad, lambda name: True, numbers)
         assert {name: state.goal for name, state in found.states.items()} == best, system.source
@@ -328,7 +332,7 @@ def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str)
     obs = [fails("on", "lidar_b"), fails("running", "lidar_b_node")]
     obs += [holds("active", "view", "main"), holds("active", "drive", "fast")]
     seen = {literal.atom: literal.positive for literal in obs}
-    known = Known(seen.get, lambda atom: None, [{"lidar"}])
+    known = KnownState(seen.get, lambda atom: None, [{"lidar"}])
     found = Keeper().decide(system.parts, system.conditions, known, 0)
     assert [(change.function, change.target) for change in found.changes] == [
         ("view", "spare"), ("drive", "slow"),
@@ -378,7 +382,7 @@ def test_plans_of_changes_cost_the_least_there_is(planner: str, monkeypatch: pyt
         obs += [holds("active", *pair) for pair in active.items()]
         seen = {literal.atom: literal.positive for literal in obs}
         bad = chance.choice([[], ["lidar"], ["lidar_node"]])
-        keeper, known = Keeper(), Known(seen.get, lambda atom: None, [set(bad)])
+        keeper, known = Keeper(), KnownState(seen.get, lambda atom: None, [set(bad)])
         keeper.decide(system.parts, system.conditions, known, 0)
         found = keeper.decide(system.parts, system.conditions, known, 10 * S)
         if not found.changes:

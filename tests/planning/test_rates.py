@@ -12,7 +12,7 @@ from robomend.errors import ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.planning.advice import Situation
-from robomend.planning.cures import PRIOR_WEIGHT, Rate, Tried, cured, curing, rates
+from robomend.planning.cures import PRIOR_WEIGHT, SuccessRate, Tried, cured, curing, rates
 from robomend.planning.plan import Plan
 from robomend.planning.planning import PlanOptions, plans_at_once, plans_for
 
@@ -36,7 +36,7 @@ def model(text: str = CAMERA) -> ComponentModel:
     return parts
 
 
-def planned(known: dict[tuple[str, str], Rate], text: str = CAMERA, bad: str = "camera") -> Plan:
+def planned(known: dict[tuple[str, str], SuccessRate], text: str = CAMERA, bad: str = "camera") -> Plan:
     options = PlanOptions(rates=tuple(known.values()))
     at_once = plans_at_once(model(text), (), [[bad]], options)
     (plan,) = plans_for(model(text), (), [[bad]], options)
@@ -123,7 +123,7 @@ def test_mistakes_are_refused(old: str, new: str, message: str) -> None:
 
 @given(st.floats(0.01, 0.99), st.integers(0, 200), st.integers(0, 200))
 def test_a_rate_lies_between_what_is_given_and_what_was_seen(prior: float, helped: int, vain: int) -> None:
-    mean = Rate("restart", "camera", prior, True, helped, helped + vain).mean
+    mean = SuccessRate("restart", "camera", prior, True, helped, helped + vain).mean
     seen = helped / (helped + vain) if helped + vain else prior
     assert min(prior, seen) - 1e-9 <= mean <= max(prior, seen) + 1e-9
     assert abs(mean - seen) <= PRIOR_WEIGHT / (PRIOR_WEIGHT + helped + vain) + 1e-9

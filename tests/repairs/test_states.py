@@ -105,6 +105,7 @@ OTHER_WORDS = {
     ("api/schemas/notifications.py", "waiting"),  # a notification, to be delivered
     ("api/routers/status.py", "waiting"),  # for a person: a filter of robots
     ("cli/remote/status.py", "waiting"),
+    ("cli/remote/mcp.py", "waiting"),
     ("cli/remote/repairs.py", "cancelled"),  # of the sentence on a decision
     ("notifications/notifier.py", "failed"),  # what became of a try
     ("api/schemas/repair_record.py", "done"),  # how a round ends
@@ -114,6 +115,7 @@ OTHER_WORDS = {
     ("drills/drills.py", "done"),
     ("drills/one_drill.py", "done"),
     ("repairs/left_off.py", "running"),  # the predicate
+    ("repairs/headline.py", "running"),
     ("robots/sight.py", "unconfirmed"),  # an attribute: what acts have made uncertain
     ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
     ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none

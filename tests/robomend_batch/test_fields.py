@@ -246,7 +246,7 @@ def test_elements_of_a_list_are_those_from_its_end_or_those_that_a_key_names(
         with pytest.raises(MissingField, match=why):
             read(path)
     with pytest.raises((ValueError, struct.error)):
-        unpacker(store.fielddefs, kind, "status_list[-1].status", cdr=cdr)(data[:-8])  # type: ignore[misc]
+        unpacker(store.fielddefs, kind, "status_list[-1].status", cdr=cdr)(data[:-8])  # type: ignore[misc]  # it is there, as the type is known
     with pytest.raises(NoField, match=r"has .*status"):
         read("status_list[stats=1].status")
 

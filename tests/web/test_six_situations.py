@@ -88,7 +88,7 @@ def six(service: Service) -> Service:
     refusal = {"decision": "cancel", "reason": "not today"}
     service.api("POST", f"/repairs/{repairs(service, 'escalated', 'awaiting-approval')[0]}", json=refusal)
     for robot in ("asks", "twofold"):
-        until(lambda robot=robot: repairs(service, robot, "awaiting-approval"), "a plan waits", 60)  # type: ignore[misc]
+        until(lambda robot=robot: repairs(service, robot, "awaiting-approval"), "a plan waits", 60)  # type: ignore[misc]  # bound here
     until(lambda: repairs(service, "runs", "running"), "a repair runs", 60)
     return service
 

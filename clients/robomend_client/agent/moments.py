@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 from robomend_client.agent.config import MomentsConfig
 from robomend_client.agent.feeds import split
 from robomend_client.agent.processes import SupervisedProcess
-from robomend_client.agent.ring import LARGE, Kept, Ring, Topic, write
+from robomend_client.agent.ring import LARGE, Kept, Ring, RingTopic, write
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import PROCESSES, SECOND, Change, Contact, Publishers
@@ -99,7 +99,7 @@ class _Bin:
 
 
 @dataclass
-class _Open:
+class _OpenMoment:
     """A moment that is open."""
 
     key: str
@@ -142,7 +142,7 @@ class Moments:
         self._nodes: dict[str, bool | None] = {}
         self._lapses: deque[tuple[int, float]] = deque(maxlen=20)  # when nobody had looked, for how long
         self._bad: set[Atom] = set()
-        self._open: _Open | None = None
+        self._open: _OpenMoment | None = None
         self._ending: str | None = None  # the name of one whose whole frame is being written
         self._opened = asyncio.Event()
         self._waits = asyncio.Event()  # there may be something to be sent
@@ -206,7 +206,7 @@ class Moments:
                 self._missed += 1
                 log.info("%s: no moment is kept of it, there were too many", change.value)
                 return
-            one = self._open = _Open(uuid.uuid4().hex, change.time_ns)
+            one = self._open = _OpenMoment(uuid.uuid4().hex, change.time_ns)
             one.last = {name: list(topic.last) for name, topic in self.ring.topics.items()}
             one.said = dict(self._said)
             self.ring.hold(change.time_ns)
@@ -252,7 +252,7 @@ class Moments:
         if self._open is not None:
             await self._end(self._open)
 
-    async def _end(self, one: _Open) -> None:
+    async def _end(self, one: _OpenMoment) -> None:
         notes = await self._record(one) if self.config.record else []
         self._open, self._ending = None, _name(one)
         self.ring.let_go()
@@ -262,7 +262,7 @@ class Moments:
             self._ending = None
         self._waits.set()
 
-    async def _record(self, one: _Open) -> list[str]:
+    async def _record(self, one: _OpenMoment) -> list[str]:
         """Write the recording; return what is to be said of it."""
         since_ns, until_ns = one.at_ns - int(self.config.before_s * SECOND), self._clock.now_ns()
         topics = self.ring.recorded(since_ns, until_ns)
@@ -281,7 +281,7 @@ class Moments:
             return [clean(f"not recorded: {error}", LINE)]
         return [clean(note, LINE) for note in made[:20]]
 
-    async def _write(self, one: _Open, *, complete: bool, notes: Sequence[str] = ()) -> None:
+    async def _write(self, one: _OpenMoment, *, complete: bool, notes: Sequence[str] = ()) -> None:
         try:
             # As it is now: more may turn bad while the thread is at work.
             now = replace(one, literals=[*one.literals], concerned={*one.concerned}, names={*one.names})
@@ -292,7 +292,7 @@ class Moments:
                 (self._folder / f"{_name(one)}.mcap").unlink(missing_ok=True)
         self._waits.set()
 
-    def _facts(self, one: _Open) -> _Facts:
+    def _facts(self, one: _OpenMoment) -> _Facts:
         """Return what the frame is made of, as it is now: a thread makes the text of it."""
         series = {
             source: [(each.number, each.count, each.value) for each in bins]
@@ -311,7 +311,7 @@ class Moments:
         graph = dict(self._publishers), dict(self._nodes)
         return _Facts(self._clock.now_ns(), tuple(self._lapses), series, logs, table, topics, *graph)
 
-    def _write_now(self, one: _Open, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
+    def _write_now(self, one: _OpenMoment, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         frame = make_frame(one, facts, notes)
         frame["notes"] += (
@@ -435,12 +435,12 @@ class _Facts(NamedTuple):
     series: dict[str, list[tuple[int, int, float | None]]]
     logs: dict[str, str]
     processes: list[dict[str, Any]]
-    topics: dict[str, Topic]
+    topics: dict[str, RingTopic]
     publishers: dict[str, tuple[str, ...]]
     nodes: dict[str, bool | None]
 
 
-def make_frame(one: _Open, facts: _Facts, notes: Sequence[str]) -> dict[str, Any]:
+def make_frame(one: _OpenMoment, facts: _Facts, notes: Sequence[str]) -> dict[str, Any]:
     """Return the freeze frame of a moment: first what is bad, then the rest, as far as there is room."""
     found = list(notes)
     concerned = {split(source)[0] for source in one.concerned} | one.names
@@ -507,7 +507,7 @@ def _within(part: str, made: Iterable[dict[str, Any]], notes: list[str]) -> list
 
 
 def _topic(
-    name: str, one: _Open, facts: _Facts, publishers: Mapping[str, Sequence[str]], bad: bool
+    name: str, one: _OpenMoment, facts: _Facts, publishers: Mapping[str, Sequence[str]], bad: bool
 ) -> dict[str, Any]:
     most = (CONCERNED if bad else OTHER)[0]
     by = publishers.get(name.removeprefix("/"), publishers.get(name, ()))
@@ -592,7 +592,7 @@ def seconds(time_ns: int, at_ns: int) -> float:
     return max(-FURTHEST_S, min(FURTHEST_S, (time_ns - at_ns) / SECOND))
 
 
-def _name(one: _Open) -> str:
+def _name(one: _OpenMoment) -> str:
     return f"{one.at_ns:020d}-{one.key}"
 
 

@@ -40,7 +40,7 @@ MARKS = "/robomend/moment"
 """A topic of the recording that says where it begins and ends: what is silent in between was."""
 
 
-class Described(NamedTuple):
+class TopicDescription(NamedTuple):
     """How the messages of a topic are to be read."""
 
     type: str  # sensor_msgs/msg/LaserScan
@@ -51,7 +51,7 @@ class Described(NamedTuple):
     """Returns a message as text, of so many characters at most; raises what its bytes make it."""
 
 
-Describe = Callable[[Any], Described]
+Describe = Callable[[Any], TopicDescription]
 """Called with what a feed told beside a message; from a thread."""
 
 Tap = Callable[[str, int, bytes, Any], None]
@@ -69,7 +69,7 @@ class Kept(NamedTuple):
 
 
 @dataclass
-class Topic:
+class RingTopic:
     """What is kept of one topic."""
 
     name: str
@@ -84,7 +84,7 @@ class Ring:
     """See the module."""
 
     def __init__(self, before_s: float, memory_bytes: int, *, record: bool) -> None:
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, RingTopic] = {}
         self.size = 0
         self.record = record
         self._before_ns = int(before_s * SECOND)
@@ -100,7 +100,7 @@ class Ring:
             if one is None:
                 if len(self.topics) >= MOST_TOPICS:
                     return
-                one = self.topics[topic] = Topic(topic, describe)
+                one = self.topics[topic] = RingTopic(topic, describe)
             if time_ns < self._newest_ns - SECOND:
                 self.forget()  # the clock went back
             self._newest_ns = max(self._newest_ns, time_ns)
@@ -138,7 +138,7 @@ class Ring:
                 found.append(Recorded(one.name, one.describe, whole, sorted(stamps)))
         return found
 
-    def _keep(self, one: Topic, kept: Kept) -> None:
+    def _keep(self, one: RingTopic, kept: Kept) -> None:
         size = len(kept.data or b"") + OVERHEAD
         one.whole.append(kept)
         one.size += size
@@ -160,7 +160,7 @@ class Ring:
             self._give(largest, given)
             largest.stamps.append(given.time_ns)
 
-    def _give(self, one: Topic, kept: Kept) -> None:
+    def _give(self, one: RingTopic, kept: Kept) -> None:
         size = len(kept.data or b"") + OVERHEAD
         one.size -= size
         self.size -= size
@@ -210,7 +210,7 @@ def write(file: Path, topics: Iterable[Recorded], since_ns: int, until_ns: int, 
         messages.sort(key=lambda message: message[0])
         for time_ns, number, data in messages:
             writer.add_message(number, time_ns, data, time_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # the library says no types of it
     return notes
 
 

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from robomend_client.agent.ring import Described
+from robomend_client.agent.ring import TopicDescription
 from robomend_client.bridges.fields import UnreadableMessage, as_text, value_at
 
 Unpack = Callable[[bytes], Any]
@@ -18,13 +18,13 @@ Unpack = Callable[[bytes], Any]
 MOST_PATHS = 1024
 
 
-def undescribed(name: str, why: str, *, cdr: bool) -> Described:
+def undescribed(name: str, why: str, *, cdr: bool) -> TopicDescription:
     """Return how messages are recorded of whose type there is no definition."""
 
     def text(data: bytes, most: int) -> str:
         raise UnreadableMessage(why)
 
-    return Described(name, "", "ros2msg" if cdr else "ros1msg", "cdr" if cdr else "ros1", text)
+    return TopicDescription(name, "", "ros2msg" if cdr else "ros1msg", "cdr" if cdr else "ros1", text)
 
 
 class KnownType:
@@ -45,16 +45,16 @@ class KnownType:
         self._cdr = cdr
         self._hint = hint
         self._unpack: dict[str, Unpack | None] = {}
-        self._described: Described | None = None
+        self._described: TopicDescription | None = None
 
     def open(self, data: bytes) -> OpenedMessage:
         return OpenedMessage(self, data)
 
-    def described(self) -> Described:
+    def described(self) -> TopicDescription:
         """Return how these messages are to be read elsewhere, and as text."""
         if self._described is None:
             definition, _ = self._store.generate_msgdef(self._name, ros_version=2 if self._cdr else 1)
-            self._described = Described(
+            self._described = TopicDescription(
                 self._name if self._cdr else self._name.replace("/msg/", "/"),
                 definition,
                 "ros2msg" if self._cdr else "ros1msg",

@@ -65,9 +65,9 @@ class Interrupts:
         self.check()
         return bool(ready)
 
-    def poll(self, seconds: float, step_s: float = 0.02) -> Deadline:
+    def poll(self, seconds: float, step_s: float = 0.02) -> SignalDeadline:
         """Return a loop condition: true every `step_s` until the time is over."""
-        return Deadline(self, seconds, step_s)
+        return SignalDeadline(self, seconds, step_s)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.came = self.came or number
@@ -75,7 +75,7 @@ class Interrupts:
             os.write(self._writer, b"!")
 
 
-class Deadline:
+class SignalDeadline:
     """`while deadline.left(): …` looks again and again, until the time is over or a signal comes."""
 
     def __init__(self, interrupts: Interrupts, seconds: float, step_s: float) -> None:

@@ -56,7 +56,7 @@ def read_robot_text(text: str, file: str) -> dict[str, Any]:
             f"{file}:{tree.line}: this is a model (it has {', '.join(sorted(of_model))}), and a robot's "
             f"configuration is wanted: write a file with `model: NAME`, and add `--model {file}`"
         )
-    return {name: _value(value) for name, value in tree.items.items()}
+    return {name: plain(value) for name, value in tree.items.items()}
 
 
 def place_in(path: Path, place: str) -> str:
@@ -77,11 +77,12 @@ def place_in(path: Path, place: str) -> str:
     return f"{path}:{line}"
 
 
-def _value(tree: Tree) -> Any:
+def plain(tree: Tree) -> Any:
+    """Return a tree as JSON has it, by the rules of YAML 1.2."""
     if isinstance(tree, Mapping):
-        return {name: _value(value) for name, value in tree.items.items()}
+        return {name: plain(value) for name, value in tree.items.items()}
     if not isinstance(tree, Scalar):
-        return [_value(one) for one in tree.items]
+        return [plain(one) for one in tree.items]
     if tree.empty:
         return None
     if not tree.plain:

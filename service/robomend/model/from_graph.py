@@ -111,7 +111,7 @@ SIGNS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Steady:
+class SteadyTopic:
     """A topic that came steadily, and what its observer is told of it."""
 
     rate_hz: float
@@ -130,7 +130,7 @@ class FirstModel:
 
     text: str
     nodes: tuple[str, ...]  # names are as the model has them from here on
-    watched: Mapping[str, Steady] = field(default_factory=dict)  # topic -> its rate
+    watched: Mapping[str, SteadyTopic] = field(default_factory=dict)  # topic -> its rate
     statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
     signs: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)  # property -> its observer
     asked: tuple[str, ...] = ()  # questions that listening did not answer
@@ -158,7 +158,7 @@ def first_model(heard: Heard, name: str) -> FirstModel:
     return _Draft(heard, name).made()
 
 
-def steady(heard: HeardTopic, ended_ns: int) -> Steady | str:
+def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
     """Return the rate of a topic by plain rules, or why it has none.
 
     Args:
@@ -184,7 +184,7 @@ def steady(heard: HeardTopic, ended_ns: int) -> Steady | str:
         f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median {_s(usual_s)}, "
         f"longest {_s(heard.longest_s)}; windows of {window}: {slowest_hz:.3g} to {fastest_hz:.3g} Hz"
     )
-    return Steady(
+    return SteadyTopic(
         rate_hz,
         rate_hz - lowest_hz,
         highest_hz - rate_hz,
@@ -260,7 +260,7 @@ class _Draft:
             )
         self.topics = self._topics(gone)
         found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
-        self.steady = {topic: one for topic, one in found.items() if isinstance(one, Steady)}
+        self.steady = {topic: one for topic, one in found.items() if isinstance(one, SteadyTopic)}
         self.why_not = {topic: one for topic, one in found.items() if isinstance(one, str)}
         self.asked: list[str] = []
         self.gone = gone

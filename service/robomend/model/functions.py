@@ -44,7 +44,7 @@ MOST_CASES = 20_000
 """Combinations of what conditions speak of that are tried to find variants that are never the best."""
 
 
-class Comparison(NamedTuple):
+class Threshold(NamedTuple):
     """A measured number against a bound."""
 
     of: Atom
@@ -53,7 +53,7 @@ class Comparison(NamedTuple):
     margin: float
 
     @classmethod
-    def of_atom(cls, atom: Atom) -> Comparison | None:
+    def of_atom(cls, atom: Atom) -> Threshold | None:
         """Return the comparison that an atom of a condition stands for, if it does."""
         if atom.predicate != READING or len(atom.args) < 5:
             return None
@@ -93,7 +93,7 @@ def holds(
     """Return whether a condition holds; None: what is known does not decide it. `shift`: see Comparison."""
 
     def known(atom: Atom) -> bool | None:
-        compared = Comparison.of_atom(atom)
+        compared = Threshold.of_atom(atom)
         if compared is None:
             return value(atom)
         number = measured(compared.of)
@@ -137,7 +137,7 @@ def read_comparisons(
                     line,
                 )
         sign = SIGNS.get(found["sign"], found["sign"])
-        atom = Comparison(of, sign, float(found["bound"]), float(found["margin"] or 0)).atom()
+        atom = Threshold(of, sign, float(found["bound"]), float(found["margin"] or 0)).atom()
         return f"{READING}({', '.join(_quoted(word) for word in atom.args)})"
 
     return COMPARISON.sub(comparison, text)
@@ -169,7 +169,7 @@ def _pushed(formula: Formula, positive: bool) -> Formula:
     match formula:
         case Leaf(literal, position):
             literal = literal if positive else -literal
-            compared = Comparison.of_atom(literal.atom)
+            compared = Threshold.of_atom(literal.atom)
             if compared is not None and not literal.positive:
                 literal = Literal(compared._replace(sign=OPPOSITE[compared.sign]).atom())
             return Leaf(literal, position)
@@ -193,7 +193,7 @@ def with_compared(vocabulary: Vocabulary) -> tuple[Vocabulary, list[str]]:
     """
     atoms, warnings = set(vocabulary.atoms), []
     for atom in sorted(vocabulary.atoms):
-        compared = Comparison.of_atom(atom)
+        compared = Threshold.of_atom(atom)
         if compared is not None:
             atoms.discard(atom)
             if not vocabulary.declares(compared.of):
@@ -420,7 +420,7 @@ def _crossing(formula: Formula) -> str:
     """Say that it is the margins of two bounds that cross, where it would be fulfilled without them."""
 
     def without(leaf: Leaf) -> Formula:
-        compared = Comparison.of_atom(leaf.literal.atom)
+        compared = Threshold.of_atom(leaf.literal.atom)
         return leaf if compared is None else Leaf(Literal(compared._replace(margin=0.0).atom()))
 
     plain = mapped(formula, without)
@@ -440,7 +440,7 @@ def _cases(
     bounds: dict[Atom, set[float]] = {}
     for formula in formulas:
         for leaf in leaves(formula):
-            compared = Comparison.of_atom(leaf.literal.atom)
+            compared = Threshold.of_atom(leaf.literal.atom)
             if compared is None:
                 atoms[leaf.literal.atom] = None
             else:

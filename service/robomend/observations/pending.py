@@ -56,7 +56,7 @@ class _Source:
     interrupted: tuple[int, int] | None = None  # when it was silent for unusually long, the last time
 
 
-class Heard:
+class LastHeard:
     """The sources of one robot: when each was heard last, and how often it usually is."""
 
     __slots__ = ("_sources",)

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from robomend.model.components import ComponentModel, Function, Variant
 from robomend.model.formulas import Formula, leaves
-from robomend.model.functions import Comparison, Measured, holds, in_order, needs_of, rests_on
+from robomend.model.functions import Measured, Threshold, holds, in_order, needs_of, rests_on
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -58,7 +58,7 @@ MOST_RETRY_NS = HOUR_NS
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class KnownState:
     """What configurations rest on."""
 
     value: Callable[[Atom], bool | None]  # whether OBS holds it; None: unknown
@@ -121,7 +121,7 @@ def _standing(
     variant: Variant,
     formula: Formula | None,
     shift: int,
-    known: Known,
+    known: KnownState,
     before: Mapping[str, FunctionState],
     model: ComponentModel,
     aside: str,
@@ -158,11 +158,11 @@ def _standing(
     return Standing(True)
 
 
-def unmet(formula: Formula, known: Known, shift: int = 0) -> str:
+def unmet(formula: Formula, known: KnownState, shift: int = 0) -> str:
     """Return what of a condition does not hold, with what was measured."""
     said: dict[str, None] = {}
     for leaf in leaves(formula):
-        compared = Comparison.of_atom(leaf.literal.atom)
+        compared = Threshold.of_atom(leaf.literal.atom)
         atom = leaf.literal.atom
         if compared is not None:
             number = known.measured(compared.of)
@@ -179,11 +179,11 @@ def unmet(formula: Formula, known: Known, shift: int = 0) -> str:
     return ", ".join(said) or "its condition does not hold"
 
 
-def met(formula: Formula | None, known: Known) -> str:
+def met(formula: Formula | None, known: KnownState) -> str:
     """Return by what a condition holds, with what was measured."""
     said: dict[str, None] = {}
     for leaf in () if formula is None else leaves(formula):
-        compared = Comparison.of_atom(leaf.literal.atom)
+        compared = Threshold.of_atom(leaf.literal.atom)
         if compared is not None:
             number = known.measured(compared.of)
             if number is not None and compared.holds(number):
@@ -198,7 +198,7 @@ def met(formula: Formula | None, known: Known) -> str:
 # --- when to change
 
 
-class Change(NamedTuple):
+class VariantChange(NamedTuple):
     """A change that is to be made now."""
 
     function: str
@@ -222,7 +222,7 @@ class Decision(NamedTuple):
     """What to do about a robot's functions now."""
 
     states: Mapping[str, FunctionState]
-    changes: tuple[Change, ...]
+    changes: tuple[VariantChange, ...]
     again_ns: int | None  # when to decide anew, whatever is observed until then
 
 
@@ -254,12 +254,12 @@ class Keeper:
         self,
         model: ComponentModel,
         conditions: Mapping[tuple[str, str], Formula],
-        known: Known,
+        known: KnownState,
         now_ns: int,
     ) -> Decision:
         """Return how each function stands, and what is to be changed now."""
         states: dict[str, FunctionState] = {}
-        changes: list[Change] = []
+        changes: list[VariantChange] = []
         again: list[int] = []
         for function in in_order(model):
             name = function.name
@@ -297,7 +297,7 @@ class Keeper:
                 reason = met(formula, known) if better else standings[active].why
                 if better and not reason:
                     reason = f"{target} is admissible again"
-                changes.append(Change(name, active, target, reason, better, standings[active].broken))
+                changes.append(VariantChange(name, active, target, reason, better, standings[active].broken))
             states[name] = replace(state, target=target, held=held)
         return Decision(states, tuple(changes), min(again, default=None))
 
@@ -367,7 +367,7 @@ def _goal(standings: Mapping[str, Standing], active: str | None) -> str | None:
 def variants_pddl(
     model: ComponentModel,
     states: Mapping[str, FunctionState],
-    changes: Iterable[Change],
+    changes: Iterable[VariantChange],
     name: str,
     costs: Callable[[str], float],
 ) -> str:
@@ -417,7 +417,7 @@ def change_plan(
     observed: Iterable[Literal],
     bad: Collection[str],
     states: Mapping[str, FunctionState],
-    changes: Sequence[Change],
+    changes: Sequence[VariantChange],
     options: PlanOptions,
     work: Work | None = None,
 ) -> Plan:
@@ -478,7 +478,11 @@ def _in_words(sentence: str, said: Mapping[str, str]) -> str:
 
 
 def _expanded(
-    plan: Plan, changes: Mapping[str, Change], model: ComponentModel, grounder: Grounder, domain: Domain
+    plan: Plan,
+    changes: Mapping[str, VariantChange],
+    model: ComponentModel,
+    grounder: Grounder,
+    domain: Domain,
 ) -> tuple[Step, ...]:
     """Return the plan's steps with the acts of the variants in place of the actions that stand for them."""
     steps: list[Step] = []

@@ -53,7 +53,7 @@ RELIABLE = 0.995
 
 
 @dataclass(frozen=True, slots=True)
-class Rate:
+class SuccessRate:
     """How probably an act cures a component that is what is wrong: Beta, its mean."""
 
     act: str
@@ -74,7 +74,7 @@ class Rate:
         return f"{self.act} of {self.component} {self.mean:.0%} ({', '.join(said)})"
 
 
-Rates = Mapping[tuple[str, str], Rate]
+Rates = Mapping[tuple[str, str], SuccessRate]
 """(act, component) -> its rate; what is not in it counts as is usual (CURES)."""
 
 NO_RATES: Rates = MappingProxyType({})
@@ -92,21 +92,21 @@ class Tried:
 
 def rates(
     model: ComponentModel, modes: Mapping[str, str], outcomes: Iterable[Tried]
-) -> dict[tuple[str, str], Rate]:
+) -> dict[tuple[str, str], SuccessRate]:
     """Return what the model gives, and what was learned.
 
     Args:
         modes: the fault mode of a component, where it is known.
         outcomes: of earlier repairs; what came back by itself is not among them.
     """
-    found: dict[tuple[str, str], Rate] = {}
+    found: dict[tuple[str, str], SuccessRate] = {}
     for name, part in model.parts.items():
         for act, by_mode in part.helps.items():
             mode = modes.get(name, "")
             prior = by_mode.get(mode, by_mode.get(""))
             if prior is None:  # which mode it is is not known: each counts alike
                 prior = sum(by_mode.values()) / len(by_mode)
-            found[act, name] = Rate(act, name, prior, given=True)
+            found[act, name] = SuccessRate(act, name, prior, given=True)
     counts: dict[tuple[str, str], list[int]] = {}
     for one in outcomes:
         if len(one.acts) == 1 and one.mode == modes.get(one.component, ""):
@@ -117,10 +117,10 @@ def rates(
     for key, (helped, of) in counts.items():
         known = found.get(key)
         if known is not None:
-            found[key] = Rate(known.act, known.component, known.prior, True, helped, of)
+            found[key] = SuccessRate(known.act, known.component, known.prior, True, helped, of)
         elif of >= LEAST_OUTCOMES and helped < of and key[1] in model.parts:
             prior = CURES[Cure.POWER_CYCLE if key[0] == CYCLE else Cure.OTHER]
-            found[key] = Rate(*key, prior, given=False, helped=helped, of=of)
+            found[key] = SuccessRate(*key, prior, given=False, helped=helped, of=of)
     return found
 
 
@@ -173,7 +173,7 @@ def cured(
     return probability
 
 
-def rates_in(plan: Plan, bad: Collection[str], known: Rates) -> list[Rate]:
+def rates_in(plan: Plan, bad: Collection[str], known: Rates) -> list[SuccessRate]:
     """Return the rates of the acts by which a plan should cure these."""
     if not known:
         return []

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 from robomend.errors import SolverError
 from robomend.model.components import ComponentModel
-from robomend.planning.cures import Avoided, Rate, best_way
+from robomend.planning.cures import Avoided, SuccessRate, best_way
 from robomend.planning.decomposition import NamedPart, Part, split
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -60,7 +60,7 @@ class PlanOptions:
     offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
     lingering: tuple[str, ...] = ()  # nodes that may still be there where they are observed not to run
     pddl: bool = False  # add the PDDL to the plan
-    rates: tuple[Rate, ...] = ()  # how probably acts cure, where that is given or learned
+    rates: tuple[SuccessRate, ...] = ()  # how probably acts cure, where that is given or learned
 
 
 def plan_for(

@@ -26,11 +26,11 @@ import structlog
 
 from robomend.errors import NotFound, RobomendError, StoreError
 from robomend.planning.configurations import (
-    Change,
     Decision,
     FunctionState,
     Keeper,
     Made,
+    VariantChange,
     change_plan,
 )
 from robomend.planning.plan import Outcome, Plan, Step
@@ -135,16 +135,16 @@ def _tell(tx: Transaction, stored: StoredRepair, by: str, reason: str) -> None:
 
 
 @dataclass
-class Waiting:
+class WaitingChange:
     """A change that waits for a person's yes."""
 
     record: ChangeRecord
-    changes: tuple[Change, ...]
+    changes: tuple[VariantChange, ...]
     plan: Plan
     signals: Signals
     listener: asyncio.Task[None] | None = None
 
-    def asks_for(self, due: Collection[Change]) -> bool:
+    def asks_for(self, due: Collection[VariantChange]) -> bool:
         """Return whether it is still due."""
         wanted = {(change.function, change.target) for change in due}
         return all((change.function, change.target) in wanted for change in self.changes)
@@ -173,7 +173,7 @@ class Changes:
     _keeper: Keeper = field(default_factory=Keeper)
     _recalled: bool = False
     _looked: int = -1  # the count of diagnoses up to which it has decided
-    _waiting: Waiting | None = None
+    _waiting: WaitingChange | None = None
     _signals: Signals | None = None  # of the change under way
     _deferred: Deferred = field(default_factory=Deferred)
     _worse: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
@@ -280,13 +280,13 @@ class Changes:
         self._looked = seen
         return wait_s
 
-    def _permitted(self, state: Robot, decision: Decision) -> tuple[tuple[Change, ...], Decision]:
+    def _permitted(self, state: Robot, decision: Decision) -> tuple[tuple[VariantChange, ...], Decision]:
         """Return the changes that may be made, by the policy and the function's own word; what may not is
         said with the function's state.
         """
         policy = self.needs.chooser.policy(state)
         stop = self.needs.switch.stop
-        due: list[Change] = []
+        due: list[VariantChange] = []
         states = dict(decision.states)
         for change in decision.changes:
             function = states[change.function].function
@@ -306,7 +306,7 @@ class Changes:
         return tuple(due), decision._replace(states=states)
 
     @staticmethod
-    def _mode(policy: Policy, change: Change, state: FunctionState, steps: Sequence[Step]) -> Mode:
+    def _mode(policy: Policy, change: VariantChange, state: FunctionState, steps: Sequence[Step]) -> Mode:
         """Return the strictest of what the robot's policy, the function and its acts say."""
         if policy.mode is Mode.OBSERVE:
             return Mode.OBSERVE
@@ -318,7 +318,7 @@ class Changes:
 
     # --- a person's yes
 
-    async def _answered(self, state: Robot, due: tuple[Change, ...]) -> tuple[Change, ...]:
+    async def _answered(self, state: Robot, due: tuple[VariantChange, ...]) -> tuple[VariantChange, ...]:
         """Look what became of the change that waits for a yes; return what else is due."""
         waiting = self._waiting
         assert waiting is not None
@@ -359,7 +359,7 @@ class Changes:
 
     # --- doing
 
-    async def _do(self, state: Robot, decision: Decision, due: tuple[Change, ...]) -> float:
+    async def _do(self, state: Robot, decision: Decision, due: tuple[VariantChange, ...]) -> float:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, decision, due)
         if plan is None:
@@ -383,7 +383,7 @@ class Changes:
         listener = asyncio.create_task(self._listen(record.id, signals))
         if asks:
             signals.ask()
-            self._waiting = Waiting(record, due, plan, signals, listener)
+            self._waiting = WaitingChange(record, due, plan, signals, listener)
             return IDLE_S
         try:
             await self._act(state, record, due, plan, signals)
@@ -403,8 +403,8 @@ class Changes:
             handing.cancel()
 
     async def _planned(
-        self, state: Robot, decision: Decision, due: tuple[Change, ...]
-    ) -> tuple[Plan | None, tuple[Change, ...]]:
+        self, state: Robot, decision: Decision, due: tuple[VariantChange, ...]
+    ) -> tuple[Plan | None, tuple[VariantChange, ...]]:
         """Return a plan, and the changes that it makes: all, or the first that can be made by itself."""
         parts, config = state.system.parts, state.config
         assert parts is not None
@@ -437,7 +437,7 @@ class Changes:
         await self._not_done(due, reason)
         return None, due
 
-    async def _not_done(self, due: Sequence[Change], reason: str) -> None:
+    async def _not_done(self, due: Sequence[VariantChange], reason: str) -> None:
         """Note what cannot be done: the next variant is taken, and this one is tried again later."""
         for change in due:
             self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
@@ -445,7 +445,7 @@ class Changes:
         if record is not None:
             await record.note(ChangeTrigger.WENT_WRONG, reason)
 
-    async def _repair_is_cheaper(self, state: Robot, due: Sequence[Change], plan: Plan) -> float:
+    async def _repair_is_cheaper(self, state: Robot, due: Sequence[VariantChange], plan: Plan) -> float:
         """Return how long to wait for a repair that makes the robot useful sooner than the change; 0: none
         does.
         """
@@ -466,7 +466,9 @@ class Changes:
         self._deferred.until_s = time.monotonic() + 2 * choice.plan.cost + DEFER_S
         return SOON_S
 
-    async def _create(self, due: tuple[Change, ...], plan: Plan | None, *, asks: bool) -> ChangeRecord | None:
+    async def _create(
+        self, due: tuple[VariantChange, ...], plan: Plan | None, *, asks: bool
+    ) -> ChangeRecord | None:
         """Write a change; None: it may not be begun now."""
         state = await self.needs.robots.memory.robot(self.robot)
         functions = state.functions
@@ -504,7 +506,7 @@ class Changes:
         self,
         state: Robot,
         record: ChangeRecord,
-        changes: tuple[Change, ...],
+        changes: tuple[VariantChange, ...],
         plan: Plan,
         signals: Signals,
     ) -> None:
@@ -561,7 +563,7 @@ class Changes:
         self,
         state: Robot,
         record: ChangeRecord,
-        changes: tuple[Change, ...],
+        changes: tuple[VariantChange, ...],
         execution: Execution,
         signals: Signals,
     ) -> None:
@@ -604,7 +606,7 @@ class Changes:
         reason = str(record.data.get("reason") or "")
         await record.note(ChangeTrigger.SEEN, reason, also=came_back, changed_ns=known)
 
-    def _undone(self, state: Robot, change: Change, id_: str) -> list[str]:
+    def _undone(self, state: Robot, change: VariantChange, id_: str) -> list[str]:
         """Return the changes that this one undoes; note one for the worse, to be undone."""
         before = self._worse.setdefault(change.function, [])
         if not change.better:
@@ -616,7 +618,7 @@ class Changes:
             undone.append(before.pop()[0])
         return undone
 
-    async def _went_wrong(self, record: ChangeRecord, changes: Sequence[Change], reason: str) -> None:
+    async def _went_wrong(self, record: ChangeRecord, changes: Sequence[VariantChange], reason: str) -> None:
         for change in changes:
             self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
         await record.note(ChangeTrigger.WENT_WRONG, reason)

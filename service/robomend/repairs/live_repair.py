@@ -26,7 +26,7 @@ from robomend.repairs.conclusions import NAMED, Silent
 from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
-from robomend.repairs.hearing import LOOK_S, Hearing
+from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
@@ -91,7 +91,7 @@ class LiveRepair:
         self._acts = acts
         self._signals = signals
         self._confirm = partial(store.ownership.confirm, record.fence)
-        self._hearing = Hearing(store, robots, state, record, signals, heard_since)
+        self._hearing = Attendance(store, robots, state, record, signals, heard_since)
         about = (state, record, signals, self._hearing.observed, self._newest)
         self._confirming = Confirming(*about, self._shows_s, self._start_up_s)
         self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)

@@ -26,7 +26,7 @@ from robomend.model.functions import taken_away
 from robomend.model.system import System, variant
 from robomend.model.vocabulary import ACTIVE, TRENDS
 from robomend.observations.obs import Belief, Obs, Retracted, consequences
-from robomend.planning.configurations import Decision, FunctionState, Keeper, Known
+from robomend.planning.configurations import Decision, FunctionState, Keeper, KnownState
 from robomend.robots.batches import Update, Words
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
@@ -429,7 +429,7 @@ class Robot:
         """The acts of a change touch these components from now on; none: they are over."""
         self.changing = frozenset(components)
 
-    def known(self, left_off: Collection[str] = ()) -> Known:
+    def known(self, left_off: Collection[str] = ()) -> KnownState:
         """Return what its configuration rests on now."""
         now_ns, obs = CLOCK.now_ns(), self.obs
 
@@ -443,7 +443,9 @@ class Robot:
         current = self.current
         judged = current is not None and current.model_version == self.model.version
         diagnoses = (current.bad_sets or ()) if current is not None and judged else ()
-        return Known(lambda atom: obs.known(atom, now_ns), measured, [*map(frozenset, diagnoses)], left_off)
+        return KnownState(
+            lambda atom: obs.known(atom, now_ns), measured, [*map(frozenset, diagnoses)], left_off
+        )
 
     def function_states(self) -> Mapping[str, FunctionState]:
         """Return how its functions stand now."""

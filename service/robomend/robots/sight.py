@@ -19,7 +19,7 @@ from robomend.model.components import Hardware
 from robomend.model.vocabulary import ACTIVE, Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
-from robomend.observations.pending import Heard, first_fallen, newest_onset
+from robomend.observations.pending import LastHeard, first_fallen, newest_onset
 from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
 from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
@@ -84,7 +84,7 @@ class Sight:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._clocks = SourceClocks(robot.id)
-        self._heard = Heard()
+        self._heard = LastHeard()
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
         self._rose: dict[
             Atom, tuple[int, ...]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
-from robomend_client.agent.ring import Described
+from robomend_client.agent.ring import TopicDescription
 from robomend_client.bridges.fields import UnreadableMessage
 from robomend_client.bridges.opened import KnownType, OpenedMessage, undescribed
 from robomend_client.bridges.ros1.subscription import Publisher
@@ -44,7 +44,7 @@ class MessageReaders:
         return found
 
 
-def described(readers: MessageReaders, publisher: Publisher) -> Described:
+def described(readers: MessageReaders, publisher: Publisher) -> TopicDescription:
     """Return how the messages of a publisher are to be read elsewhere: by the definition that it sent."""
     found = readers.known(publisher)
     if isinstance(found, str):

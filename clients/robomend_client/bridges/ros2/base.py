@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 from robomend_client.agent.executors.ros_programs import Ros2Asking
 from robomend_client.agent.feeds import AgentParts, Deliver, split
-from robomend_client.agent.ring import Described
+from robomend_client.agent.ring import TopicDescription
 from robomend_client.beats import beat
 from robomend_client.bridges.base import DIAGNOSTICS, NODES, RosBridge, RosPart, Runs
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
@@ -337,7 +337,7 @@ class Ros2Bridge(RosBridge):
     def _opened(self, message: Message) -> OpenedMessage:
         return self._readers.open(ros_type(message.wire_type), message.type_hash, message.data)
 
-    def _described(self, about: tuple[str, str]) -> Described:
+    def _described(self, about: tuple[str, str]) -> TopicDescription:
         wire_type, type_hash = about
         return self._readers.described(ros_type(wire_type), type_hash)
 

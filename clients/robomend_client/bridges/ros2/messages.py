@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from robomend_client.agent.ring import Described
+from robomend_client.agent.ring import TopicDescription
 from robomend_client.bridges.fields import UnreadableMessage
 from robomend_client.bridges.opened import KnownType, OpenedMessage, undescribed
 
@@ -51,7 +51,7 @@ class MessageReaders:
             raise UnreadableMessage(found)
         return found.open(data)
 
-    def described(self, kind: str, type_hash: str) -> Described:
+    def described(self, kind: str, type_hash: str) -> TopicDescription:
         """Return how messages of a type are to be read elsewhere."""
         found = self._known(kind, type_hash)
         if isinstance(found, str):

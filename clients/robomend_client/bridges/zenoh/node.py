@@ -13,7 +13,7 @@ from robomend_client.bridges.ros2.base import OnMessage, Unheard
 from robomend_client.bridges.zenoh.graph import Graph
 from robomend_client.bridges.zenoh.keys import NODE, TOKENS, BadKey, LivelinessToken, token_key
 from robomend_client.bridges.zenoh.session import Link, ZenohSession
-from robomend_client.bridges.zenoh.topics import HeardTopic, OfferedTopic
+from robomend_client.bridges.zenoh.topics import OfferedTopic, ZenohTopic
 
 ALONE_S = 2.0
 """How long nobody may be there before that is said."""
@@ -36,7 +36,7 @@ class ZenohNode:
         self._alone_s = time.monotonic()  # since when, or when it was last not so
         self._session: ZenohSession | None = None
         self._watched: object = None
-        self._topics: dict[str, HeardTopic] = {}
+        self._topics: dict[str, ZenohTopic] = {}
         self._told: list[OfferedTopic] = []
         self._mismatches: set[str] = set()
         self.unheard = Unheard(discovery_s)
@@ -46,7 +46,7 @@ class ZenohNode:
         if (known := self._topics.get(topic)) is not None:
             known.add(on_message)
         else:
-            self._topics[topic] = HeardTopic(self.domain, topic, on_message, self.problems)
+            self._topics[topic] = ZenohTopic(self.domain, topic, on_message, self.problems)
 
     def publish(self, topic: str, kind: str) -> OfferedTopic:
         """Offer a topic."""

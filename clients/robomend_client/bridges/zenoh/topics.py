@@ -32,7 +32,7 @@ HASHES = {
 """Of the types that we publish: their definitions have not changed since there are hashes."""
 
 
-class HeardTopic:
+class ZenohTopic:
     """One topic, of whatever type: it is in the message's key."""
 
     def __init__(self, domain: int, topic: str, on_message: OnMessage, problems: Problems) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from robomend.cli.schema import schema_line
 from robomend.errors import InputError, ModelError
 from robomend.model.components import ComponentModel
-from robomend.model.from_graph import FirstModel, Steady, comment, first_model, word
+from robomend.model.from_graph import FirstModel, SteadyTopic, comment, first_model, word
 from robomend.model.loading import load_text
 from robomend_client.literals import holds
 from robomend_client.ros_graph import Heard
@@ -186,7 +186,7 @@ def _value(value: str | float) -> str:
     return word(value) if isinstance(value, str) else f"{value:g}"
 
 
-def _rate_keys(steady: Steady) -> str:
+def _rate_keys(steady: SteadyTopic) -> str:
     """Return what the observer of a rate is told."""
     keys: dict[str, float] = {
         "rate_hz": float(f"{steady.rate_hz:.4g}"),

@@ -69,7 +69,7 @@ ACTING = ("operator", "admin")
 
 
 @dataclass(frozen=True)
-class Service:
+class AskedService:
     """The service that is asked."""
 
     client: AsyncClient
@@ -89,10 +89,10 @@ class Service:
             raise ToolError(f"the service cannot be asked: {cut(str(error))}") from error
 
 
-Asking = Context[Service, Any]
+Asking = Context[AskedService, Any]
 
 
-def of(ctx: Asking) -> Service:
+def of(ctx: Asking) -> AskedService:
     return ctx.request_context.lifespan_context
 
 
@@ -300,13 +300,13 @@ Why = Annotated[
 ]
 
 
-class Confirmed(BaseModel):
+class PersonsAnswer(BaseModel):
     """What a person is asked for."""
 
     confirm: bool = Field(title="Yes, do it", description="no: nothing is done")
 
 
-def _confirmed_by(ctx: Asking, message: str, url: str, command: str) -> Elicit[Confirmed]:
+def _confirmed_by(ctx: Asking, message: str, url: str, command: str) -> Elicit[PersonsAnswer]:
     """Return the question to a person; refuse where the client has none to ask."""
     can = ctx.client_capabilities
     way = can.elicitation if can is not None else None
@@ -315,10 +315,10 @@ def _confirmed_by(ctx: Asking, message: str, url: str, command: str) -> Elicit[C
             "not done: a person has to confirm it, and this client cannot ask one (elicitation). "
             f"A person can do it at {url}, or with `{command}`"
         )
-    return Elicit(message, Confirmed)
+    return Elicit(message, PersonsAnswer)
 
 
-def _yes(result: ElicitationResult[Confirmed]) -> None:
+def _yes(result: ElicitationResult[PersonsAnswer]) -> None:
     if not (isinstance(result, AcceptedElicitation) and result.data.confirm):
         raise ToolError("not done: the person did not say yes. Do not ask again unless they want it")
 
@@ -326,7 +326,7 @@ def _yes(result: ElicitationResult[Confirmed]) -> None:
 async def _shown(ctx: Asking, repair: str) -> dict[str, Any]:
     """The repair as the person is shown it: loaded before the question, and kept."""
     with of(ctx).asking() as client:
-        return bounded(_short(await client.repair(repair)))  # type: ignore[no-any-return]
+        return bounded(_short(await client.repair(repair)))  # type: ignore[no-any-return]  # a mapping stays one
 
 
 def _steps(shown: Mapping[str, Any]) -> str:
@@ -336,7 +336,7 @@ def _steps(shown: Mapping[str, Any]) -> str:
 
 def _approval(
     ctx: Asking, reason: str, shown: Annotated[dict[str, Any], Resolve(_shown)]
-) -> Elicit[Confirmed]:
+) -> Elicit[PersonsAnswer]:
     if shown["state"] != RepairState.AWAITING_APPROVAL:
         raise ToolError(f"repair {shown['id']} does not wait for approval: it is {shown['state']}")
     message = (
@@ -349,7 +349,7 @@ def _approval(
 
 def _cancelling(
     ctx: Asking, reason: str, shown: Annotated[dict[str, Any], Resolve(_shown)]
-) -> Elicit[Confirmed]:
+) -> Elicit[PersonsAnswer]:
     message = (
         f"An assistant asks you to CANCEL repair {shown['id']} of robot {shown['robot']}, which is "
         f"{shown['state']}. {_steps(shown)}. It says: {_quoted(reason)}"
@@ -358,7 +358,7 @@ def _cancelling(
     return _confirmed_by(ctx, f"{message}. Page: {url}", url, f"robomend cancel {shown['id']}")
 
 
-def _stopping(ctx: Asking, reason: str) -> Elicit[Confirmed]:
+def _stopping(ctx: Asking, reason: str) -> Elicit[PersonsAnswer]:
     url = of(ctx).page()
     message = (
         "An assistant asks you to STOP all robots: none acts until a person lifts it. "
@@ -380,7 +380,7 @@ async def approve(
     ctx: Asking,
     repair: Repair,
     shown: Annotated[dict[str, Any], Resolve(_shown)],
-    said: Annotated[ElicitationResult[Confirmed], Resolve(_approval)],
+    said: Annotated[ElicitationResult[PersonsAnswer], Resolve(_approval)],
     reason: Why = "",
 ) -> dict[str, Any]:
     """Approve the plan of a repair that waits for it. A person is asked first."""
@@ -398,7 +398,7 @@ async def approve(
 async def cancel(
     ctx: Asking,
     repair: Repair,
-    said: Annotated[ElicitationResult[Confirmed], Resolve(_cancelling)],
+    said: Annotated[ElicitationResult[PersonsAnswer], Resolve(_cancelling)],
     reason: Why = "",
 ) -> dict[str, Any]:
     """End a repair before its next action. A person is asked first."""
@@ -410,7 +410,7 @@ async def cancel(
 
 
 async def stop(
-    ctx: Asking, said: Annotated[ElicitationResult[Confirmed], Resolve(_stopping)], reason: Why = ""
+    ctx: Asking, said: Annotated[ElicitationResult[PersonsAnswer], Resolve(_stopping)], reason: Why = ""
 ) -> dict[str, Any]:
     """The global stop: no robot acts until a person lifts it. A person is asked first."""
     _yes(said)
@@ -427,13 +427,13 @@ LOOKS: tuple[Callable[..., Any], ...] = (
 ACTS: tuple[Callable[..., Any], ...] = (approve, cancel, stop)
 
 
-def server(url: str, key: str | None, *, acts: bool) -> MCPServer[Service]:
+def server(url: str, key: str | None, *, acts: bool) -> MCPServer[AskedService]:
     """Return the server, which asks the service at `url`."""
 
     @asynccontextmanager
-    async def life(_: MCPServer[Service]) -> AsyncIterator[Service]:
+    async def life(_: MCPServer[AskedService]) -> AsyncIterator[AskedService]:
         async with AsyncClient(url, key, timeout_s=TIMEOUT_S, retry=Retry(times=1)) as client:
-            yield Service(client, url)
+            yield AskedService(client, url)
 
     made = MCPServer(
         "robomend", instructions=INSTRUCTIONS, version=version("robomend"), lifespan=life, log_level="WARNING"
