@@ -21,9 +21,8 @@
 
 (define (domain robot-repair)
   (:requirements :strips :typing :adl :action-costs)
-  (:types component - object
-          hardware node - component     ; a device, a process
-          remedy - object)              ; an act of the model's `remedies`, such as a service call
+  (:types component remedy - object     ; a remedy: an act of the model's `remedies`, such as a service call
+          hardware node - component)    ; a device, a process
   (:predicates
     (bad ?c - component)                ; blamed by the diagnosis under repair, or about to be
     (good ?c - component)               ; expected to work; the next diagnosis decides

@@ -151,7 +151,7 @@ class Node:
         def asked(request: Any) -> Any:
             say(heard=line["name"], value=yaml.safe_load(str(request)), by="")
             if line.get("never"):
-                time.sleep(1000)
+                time.sleep(1000)  # it hangs
             if line.get("fails"):
                 raise rospy.ServiceException(line["fails"])
             if "then" in line:

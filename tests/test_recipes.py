@@ -183,7 +183,7 @@ def with_kind(root: Path) -> None:
     components.write_text(f"{head}\n\n{python[1]}{marker}{tail}")
     pddl = root / "pddl/repair.pddl"
     text = pddl.read_text().replace("  (:predicates", f"  (:predicates\n    {predicates}", 1)
-    text, types = re.subn(r"(\(:types component - object[^)]* - component)\)", rf"\1 {kind})", text, count=1)
+    text, types = re.subn(r"(\(:types component[^)]* - component)\)", rf"\1 {kind})", text, count=1)
     assert types == 1
     pddl.write_text(f"{text.rstrip().removesuffix(')')}\n{action})\n")
 

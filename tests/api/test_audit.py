@@ -34,6 +34,11 @@ ASKS = {
 TOLD_ELSEWHERE = {
     # Each second of an action: its first is told as `action.taken`, the latest is in the step.
     ("POST", f"{API}/actions/{{action}}/feedback"),
+    # Reports, as observations are; the robot's first report of an hour is told.
+    ("POST", f"{API}/robots/{{robot}}/moments"),
+    ("PUT", f"{API}/robots/{{robot}}/moments/{{moment}}/recording"),
+    # Changes of the configuration: tests/repairs/test_changes.py has what is told of a yes and a no.
+    ("POST", f"{API}/changes/{{change}}"),
 }
 
 BOARD = {"host": "127.0.0.1", "port": 1}

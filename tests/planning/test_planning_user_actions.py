@@ -54,10 +54,10 @@ def test_what_acts_on_the_users_objects_comes_before_what_acts_on_nodes_where_th
     assert {"stop_node(hokuyo_node)", "start_node(hokuyo_node)"} < set(texts(plan))
 
 
-def test_the_recipe_of_the_docs_stops_a_driver_that_is_well_before_its_device_is_reset(planner: str) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "repair.md").read_text(encoding="utf-8")
-    (recipe,) = (text for text in page.split("```pddl\n")[1:] if "let_go" in text.partition("```")[0])
-    options = PlanOptions(planner=planner, domain=recipe.partition("```")[0])
+def test_the_example_stops_a_driver_that_is_well_before_its_device_is_reset(planner: str) -> None:
+    path = Path(__file__).parents[2] / "examples" / "actions" / "driver_first.pddl"
+    recipe = path.read_text(encoding="utf-8")
+    options = PlanOptions(planner=planner, domain=recipe)
     plan = plan_for(TEDUSAR, [holds("running", "imu_node")], ["imu"], options)
     assert texts(plan) == ["let_go(imu_node)", "reset_usb(usb1)", "start_node(imu_node)"]
     stopped = plan_for(TEDUSAR, [fails("running", "imu_node")], ["imu", "imu_node"], options)

@@ -20,7 +20,7 @@ from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import health_of
 from robomend.robots.reporters import Reporter
-from robomend.store import attempts, events, journal, repairs
+from robomend.store import attempts, audit, events, journal, repairs
 from robomend.store.records import Paging
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
@@ -144,7 +144,7 @@ async def until(look: Callable[[], Awaitable[Any]], what: str, timeout_s: float 
     waited = 0.0
     while not (found := await look()):
         assert waited < timeout_s, f"waited {timeout_s:g} s in vain for {what}"
-        await asyncio.sleep(step := look_s(waited))
+        await asyncio.sleep(step := look_s(waited))  # between two looks
         waited += step
     return found
 
@@ -293,6 +293,10 @@ async def test_a_change_that_needs_a_yes_waits_for_it_and_lapses_when_it_is_not_
 
         await until(declined, "the no to be remembered")
         assert rover.active["altitude"] == "medium"
+        page = await runtime.store.read(audit.page, robot="r1")
+        said = [(entry.subject, entry.action, entry.reason) for entry in page.items if entry.actor == "ada"]
+        assert said[0] == (change["id"], "change.cancelled", "not now")
+        assert {subject for subject, _, _ in said} == {change["id"], answer["id"]}
 
 
 async def _active(rover: Rover, function: str, variant: str) -> bool:

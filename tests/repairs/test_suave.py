@@ -84,7 +84,7 @@ class Suave(Robot):
             if now_s < LASTS_S and mode != f"fd_spiral_{best}":
                 self.wrong_s += now_s - looked_s
             looked_s = now_s
-            await asyncio.sleep(LOOKS_S / self.speed)
+            await asyncio.sleep(LOOKS_S / self.speed)  # the vehicle's own rhythm
 
     async def act_for_ever(self) -> None:
         while True:

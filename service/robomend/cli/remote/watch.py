@@ -194,6 +194,12 @@ def _model(data: Mapping[str, Any]) -> str:
     return f"model {data.get('name', data.get('model', ''))}: {data.get('what', 'new version')}"
 
 
+def _moment(data: Mapping[str, Any]) -> str:
+    return f"moment {data['moment']} of a fault is kept" + (
+        "" if data.get("complete", True) else ", its recording is still coming"
+    )
+
+
 def _stop(data: Mapping[str, Any]) -> str:
     if not data.get("active"):
         return f"the stop is lifted by {data.get('by')}"
@@ -210,6 +216,7 @@ WORDS = {
     "robot": _robot,
     "model": _model,
     "drill": _drill,
+    "moment": _moment,
     "batch": _batch,
     "stop": _stop,
 }
