@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -314,3 +315,24 @@ def test_five_hundred_nodes_are_a_model() -> None:
     }
     made = first_model(heard({f"/t{n}": came(10, 10, first_s=50) for n in range(500)}, nodes), "fleet")
     assert len(load_text(made.text).cnf.components) == 500
+
+
+def test_remedies_that_nodes_offer_stand_commented_out_and_hold_once_they_do_not() -> None:
+    graph = replace(
+        ROBOT,
+        services={
+            "/hector_mapping/change_state": frozenset({"/hector_mapping"}),
+            "/hector_mapping/get_state": frozenset({"/hector_mapping"}),
+            "/record_1234/change_state": frozenset({"/record_1234"}),
+            "/record_1234/get_state": frozenset({"/record_1234"}),
+        },
+    )
+    known = Heard(graph, "domain 0", origin={"ros2": {"domain": 0}})
+    texts = files_of(Described("tedusar", heard=known, origin=known.origin))
+    model, agent = texts["tedusar.yaml"], texts["agent.yaml"]
+    assert load_text(model).parts.remedies == ()  # type: ignore[union-attr]  # it is of components
+    begun = model.replace("# remedies:", "remedies:").replace("#  bring_up", "  bring_up")
+    (remedy,) = load_text(begun).parts.remedies  # type: ignore[union-attr]  # as above
+    assert str(remedy) == "bring_up_hector_mapping(hector_mapping)"
+    assert "# actions:" in agent
+    assert "#  bring_up_hector_mapping: {kind: lifecycle" in agent

@@ -22,6 +22,7 @@ from math import ceil
 
 from robomend.errors import InputError
 from robomend.model.component_yaml import MAX_NAME
+from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.counts import counted
 from robomend_client.literals import PLAIN_NAME, holds
 from robomend_client.ros_graph import Heard, HeardTopic, RosGraph, Table
@@ -134,6 +135,7 @@ class FirstModel:
     statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
     signs: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)  # property -> its observer
     asked: tuple[str, ...] = ()  # questions that listening did not answer
+    offered: tuple[str, ...] = ()  # remedies that nodes offer, as commented lines of an agent's file
 
 
 def model_from_graph(graph: RosGraph, name: str, source: str) -> str:
@@ -298,6 +300,13 @@ class _Draft:
             lines += ["", "rules:"]
             rules = (f"not ab({word(node)}) -> {holds('ok', name)}" for name, node in blamed.items())
             lines += [f"  - {_quoted(rule)}" for rule in rules]
+        offered = [one for one in offered_remedies(self.graph) if one.node in self.nodes]
+        if offered:
+            lines += [
+                "",
+                "# remedies:                   # what nodes offer against their own faults",
+            ]
+            lines += [one.model for one in offered]
         lines += self._left_out()
         self._ask()
         if self.asked and (self.listened or heard.launched):
@@ -311,6 +320,7 @@ class _Draft:
             statuses,
             signs,
             tuple(self.asked),
+            tuple(one.action for one in offered),
         )
 
     # --- what it speaks of -----------------------------------------------------------------------------

@@ -150,6 +150,8 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
             "# processes:                  # what the agent may start and stop, by the model's names",
             f"#   {word(next(iter(parts.nodes)))}: {{command: [python3, my_node.py], start: true}}",
         ]
+    if first is not None and first.offered:
+        lines += ["# actions:                    # the remedies that the model has", *first.offered]
     return "\n".join(lines) + "\n"
 
 
