@@ -13,6 +13,7 @@ import importlib
 import json
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -178,21 +179,27 @@ class Commands:
         from rclpy.action import ActionClient
         from test_msgs.action import Fibonacci
 
-        def done(future: Any) -> Any:
-            deadline = time.monotonic() + 30
-            while not future.done() and time.monotonic() < deadline:
-                time.sleep(0.01)
-            return future.result()
+        def done(ask: Callable[[], Any]) -> Any:
+            """Return the answer; it is asked for again, as rclpy drops one that comes before it noted that it
+            asked, from another thread than its executor's.
+            """
+            for _ in range(4):
+                future, deadline = ask(), time.monotonic() + 10
+                while not future.done() and time.monotonic() < deadline:
+                    time.sleep(0.01)
+                if future.done():
+                    return future.result()
+            raise RuntimeError(f"no answer of {line['name']}")
 
         client = self.others.setdefault(
             "to " + line["name"], ActionClient(self.node, Fibonacci, line["name"])
         )
         if not client.wait_for_server(30):
             raise RuntimeError(f"no server {line['name']}")
-        goal = done(client.send_goal_async(Fibonacci.Goal(order=line.get("order", 1))))
+        goal = done(lambda: client.send_goal_async(Fibonacci.Goal(order=line.get("order", 1))))
         if line.get("cancel"):
-            done(goal.cancel_goal_async())
-        return int(done(goal.get_result_async()).status)
+            done(goal.cancel_goal_async)
+        return int(done(goal.get_result_async).status)
 
     def offer(self, line: dict[str, Any]) -> None:
         """Offer a service; what it is asked is printed. Answers with `answer` and does `then`; or never."""
