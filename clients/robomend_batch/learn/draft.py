@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from glob import escape
 
+from robomend.model.from_graph import word
 from robomend_batch.learn.delays import LEAST_WITHIN_S, DelayFound
 from robomend_batch.learn.gathering import TICK_NS
 from robomend_batch.learn.matches import MatchFound
 from robomend_batch.learn.ranges import AGREEING, RangeFound, StatusFound
 from robomend_batch.learn.rates import RateFound
 from robomend_batch.learn.tails import Bound
-from robomend_batch.learn.words import comment, outwards, upwards, word
+from robomend_batch.learn.words import comment, outwards, upwards
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.rate import LEAST_SILENCE_S
 

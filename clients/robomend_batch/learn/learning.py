@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robomend.errors import InputError
+from robomend.model.from_graph import slug
 from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
@@ -20,7 +21,6 @@ from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, lear
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
 from robomend_batch.learn.stretches import Stretch, hours
 from robomend_batch.learn.trial import false_alarms
-from robomend_batch.learn.words import slug
 from robomend_batch.observing import load_observers
 from robomend_client.counts import counted
 from robomend_client.literals import Atom

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from robomend.model.from_graph import is_plumbing, model_from_graph, rests
+from robomend.model.from_graph import is_plumbing, model_from_graph, rests, word
 from robomend.model.loading import load_text
 from robomend_batch.learn.delays import DelayFound
 from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Topic
-from robomend_batch.learn.words import comment, word
+from robomend_batch.learn.words import comment
 from robomend_client.literals import holds
 from robomend_client.ros_graph import Ear, HeardTopic, RosGraph
 

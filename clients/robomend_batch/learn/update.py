@@ -14,8 +14,9 @@ from pathlib import Path
 import yaml
 
 from robomend.errors import InputError
+from robomend.model.from_graph import word
 from robomend_batch.learn.draft import Entries, Entry
-from robomend_batch.learn.words import comment, word
+from robomend_batch.learn.words import comment
 
 CLOSE = 0.1
 """Of a number."""

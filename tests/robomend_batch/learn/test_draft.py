@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from robomend.model.from_graph import slug, word
 from robomend_batch.learn.draft import Entries, observers_text, status_entry
 from robomend_batch.learn.ranges import RangeFound, StatusFound
 from robomend_batch.learn.tails import Bound
 from robomend_batch.learn.update import proposed
-from robomend_batch.learn.words import outwards, slug, upwards, word
+from robomend_batch.learn.words import outwards, upwards
 from robomend_batch.observing import load_observers
 from robomend_client.literals import fails, holds
 from robomend_client.observers import SECOND, Driver

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ SHARE = 0.8
 """Of an action's time that a node has for its answer: the rest is the program's own."""
 
 
-class Ros2Asking:
+class Ros2Asking(ABC):
     """Asks a node of ROS 2 for one thing. The first parameter says of which node, by a list."""
 
     gives_up = False  # the node goes on with it
@@ -77,9 +78,9 @@ class Ros2Asking:
         """Be in the domain that the agent's file names."""
         self._environment = environment
 
+    @abstractmethod
     def said(self, parameters: Sequence[str]) -> dict[str, Any] | ActionResult:
         """Return what ros2_asking.py is asked for, or why nothing is."""
-        raise NotImplementedError
 
     def would(self, parameters: Sequence[str]) -> str:
         """Return what would be sent, for people."""
@@ -106,7 +107,7 @@ class Ros2Asking:
             self.was(action.parameters, told["before"])
         return ActionResult(CODES[code] if 0 <= code < len(CODES) else FAILED, sentence)
 
-    def was(self, parameters: Sequence[str], before: Any) -> None:
+    def was(self, parameters: Sequence[str], before: Any) -> None:  # noqa: B027  # most set nothing
         """Note what it was that has been set."""
 
 

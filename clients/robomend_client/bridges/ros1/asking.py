@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -275,7 +276,7 @@ async def _asked(
         raise Ended(FAILED, f"the answer of {service} cannot be read: {error}"[:400]) from error
 
 
-class Ros1Asking:
+class Ros1Asking(ABC):
     """Asks a node of ROS 1 for one thing. The first parameter says of which node, by a list."""
 
     gives_up = False  # the node goes on with it
@@ -305,17 +306,17 @@ class Ros1Asking:
         """Ask as this node."""
         self._node = node
 
+    @abstractmethod
     def would(self, parameters: Sequence[str]) -> str:
         """Return what would be sent, for people."""
-        raise NotImplementedError
 
+    @abstractmethod
     async def ask(self, node: RosNode, parameters: Sequence[str], within_s: float) -> str:
         """Ask; return what came of it.
 
         Raises:
             Ended: it did not do it.
         """
-        raise NotImplementedError
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
         if self._node is None:
