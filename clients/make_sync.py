@@ -1,6 +1,6 @@
 """Make the code for threads from the code for asyncio.
 
-    python clients/make_sync.py           write it; `./dev format` does so
+    python clients/make_sync.py           write it; `./dev check --fix` does so
     python clients/make_sync.py --check   name the files that are not what they would be made
 
 The two differ in nothing but the words below, so only the one for asyncio is written by hand.

@@ -1,6 +1,6 @@
 """Write the diagrams of the pages beside this file, and the schemas of examples/, from the code.
 
-    ./dev run python docs/draw.py      or ./dev format, before a commit
+    ./dev run python docs/draw.py      or ./dev check --fix, before a commit
 
 A diagram stands between `<!-- drawn: NAME -->` and `<!-- end -->`; tests/test_drawn_docs.py holds the pages
 to what this writes.

@@ -21,7 +21,6 @@ from tests.order import dealt, load
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
 settings.register_profile("long", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("robomend", settings.get_profile("long"), max_examples=30)
-settings.register_profile("quick", settings.get_profile("robomend"), max_examples=10)
 settings.load_profile("robomend")
 
 NOWHERE = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as the tests run
@@ -32,9 +31,6 @@ gc.disable()  # until all tests are collected, as `robomend serve` does while it
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run soak, fuzz and kill loops at their full length")
     parser.addoption("--release", type=Path, help="a folder with the files of ./dev release, to be tried")
-    parser.addoption(
-        "--quick", action="store_true", help="fewer examples of each property, and no slow tests"
-    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -42,8 +38,6 @@ def pytest_configure(config: pytest.Config) -> None:
         shared(config.workerinput["template"])
     if config.getoption("--long"):
         settings.load_profile("long")
-    elif config.getoption("--quick"):
-        settings.load_profile("quick")
 
 
 @pytest.hookimpl(optionalhook=True)  # of xdist
@@ -59,10 +53,6 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--quick"):
-        left_out = [item for item in items if item.get_closest_marker("slow")]
-        items[:] = [item for item in items if item not in left_out]
-        config.hook.pytest_deselected(items=left_out)
     if (workers := getattr(config, "workerinput", {}).get("workercount")) is not None:
         items[:] = dealt(items, workers)
 

@@ -41,7 +41,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LONGEST_S = 3600
 
 BY_HAND = """\
-Left to a person: ./dev check and ./dev clients on this commit, the demo watched once (./dev demo),
+Left to a person: ./dev check and ./dev test --client on this commit, the demo watched once (./dev demo),
 the date in CHANGELOG.md, the tag, and the upload of what is in dist/ (docs/deploy/README.md, Publishing)."""
 
 

@@ -14,7 +14,7 @@ DRAW = runpy.run_path(str(DOCS / "draw.py"))
 @pytest.mark.parametrize("path", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
 def test_a_page_shows_the_diagrams_that_the_code_has(path: Path) -> None:
     page = path.read_text(encoding="utf-8")
-    assert page == DRAW["drawn"](page), "run ./dev format"
+    assert page == DRAW["drawn"](page), "run ./dev check --fix"
 
 
 def test_every_diagram_is_on_a_page() -> None:

@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,17 +35,6 @@ def test_arguments_folder_environment_and_output_are_its_own(tmp_path: Path) -> 
     code = "import os, sys; print(sys.argv[1:], os.getcwd(), os.environ['COLOUR']); sys.exit(7)"
     process = forked(code, "a b", cwd=tmp_path, env={**os.environ, "COLOUR": "red"})
     assert end_of(process) == (f"['a b'] {tmp_path} red\n", 7)
-
-
-def test_others_see_it_as_what_it_is() -> None:
-    code = "import os, signal; print(flush=True); signal.pause()"
-    process = forked(code, "a b", env={**os.environ, "COLOUR": "red"})
-    assert process.stdout is not None
-    process.stdout.readline()
-    seen = Path(f"/proc/{process.pid}")
-    assert (seen / "cmdline").read_text().rstrip("\0").split("\0") == [sys.executable, "-c", code, "a b"]
-    assert b"COLOUR=red" in (seen / "environ").read_bytes().split(b"\0")
-    process.kill()
 
 
 def test_what_ours_bind_to_who_starts_it_ends_with_it() -> None:
@@ -90,13 +78,6 @@ def test_what_it_dies_of_is_written(code: str, said: str) -> None:
     assert status == 1
 
 
-def test_what_is_done_at_exit_is_done() -> None:
-    assert end_of(forked("import atexit; atexit.register(print, 'bye'); print('hello')")) == (
-        "hello\nbye\n",
-        0,
-    )
-
-
 def test_a_command_of_a_shell_is_what_it_stands_for(tmp_path: Path) -> None:
     folder = forked_programs.write(tmp_path / "programs")
     found = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
@@ -116,69 +97,6 @@ def test_a_command_of_a_shell_is_what_it_stands_for(tmp_path: Path) -> None:
         assert process.stdout.readline()
         process.terminate()  # the small program, which hands it on
         assert process.wait(60) == 0
-
-
-def test_what_is_on_another_path_is_a_fresh_interpreter(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "elsewhere.py").write_text("")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    process = popen([sys.executable, "-c", "import elsewhere"])
-    assert isinstance(process, subprocess.Popen)
-    assert process.wait(60) == 0
-
-
-WORKS = """
-import os, sys, time
-from robomend.workers.pool import WorkerPool
-pool = WorkerPool("tests", size=1, spare=0)
-print(pool.call(os.getpid), pool.call(os.getpgrp), pool.call(time.sleep, 0), flush=True)
-sys.stdin.read()
-"""
-
-
-SHARES = """
-import subprocess, sys
-from functools import partial
-from pathlib import Path
-from tests import forked
-everybodys, kept = forked.share(), forked._TEMPLATE
-forked._TEMPLATE = forked._Template()
-forked.shared(everybodys)
-child = forked.popen([sys.executable, "-c", "import signal; signal.pause()"])
-for process in (everybodys, forked.template(), child.pid):
-    print(process, Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
-print(forked.aside()[0], flush=True)
-sys.stdin.read()
-"""
-
-
-def test_a_template_of_ones_own_is_forked_from_the_shared_one_and_all_end_with_who_uses_them() -> None:
-    asked = [sys.executable, "-c", SHARES]
-    with subprocess.Popen(
-        asked, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True
-    ) as process:
-        assert process.stdout is not None
-        lines = [process.stdout.readline().split() for _ in range(4)]
-        (everybodys, _), (own, above), (child, above_child), [aside] = lines
-        assert (above, above_child, aside) == (everybodys, own, own)
-        process.kill()
-    for one in (child, own, everybodys):
-        until(partial(lambda pid: not alive(pid), int(one)), "it has ended")
-
-
-def test_the_worker_of_a_forked_process_is_forked_and_ends_with_it() -> None:
-    read, write = os.pipe()
-    with os.fdopen(read) as stdin, os.fdopen(write, "w"):
-        process = forked(WORKS, stdin=stdin)
-        assert process.stdout is not None
-        worker, group, _ = process.stdout.readline().split()
-        assert worker == group, "killed with what it started"
-        status = dict(line.split(":", 1) for line in Path(f"/proc/{worker}/status").read_text().splitlines())
-        assert int(status["PPid"]) not in (process.pid, os.getpid()), "it is the template's child"
-        process.kill()
-        assert process.wait(60) == -9
-    until(lambda: not alive(int(worker)), "its worker has ended")
 
 
 def test_workers_of_this_process_are_killed_in_the_middle_of_a_call() -> None:

@@ -107,7 +107,6 @@ def test_typing_all_of_it_leaves_time_to_install_and_to_wait_within_ten_minutes(
     assert typed / TYPED_PER_S + WAITING_S <= 600
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
     monkeypatch: pytest.MonkeyPatch,

@@ -1,4 +1,4 @@
-"""How tests wait: for what they need, with a bound. test_waiting.py refuses sleeps without a reason."""
+"""How tests wait: for what they need, with a bound; never for a time."""
 
 from __future__ import annotations
 

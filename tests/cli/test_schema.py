@@ -49,7 +49,7 @@ def rows(test: Any) -> list[tuple[Any, ...]]:
 @pytest.mark.parametrize("file", FILES)
 def test_a_schema_is_a_schema_and_the_one_beside_the_examples_is_this(file: str) -> None:
     jsonschema_rs.meta.validate(schema_of(file))
-    assert (EXAMPLES / schema_name(file)).read_text() == schema_text(file), "run ./dev format"
+    assert (EXAMPLES / schema_name(file)).read_text() == schema_text(file), "run ./dev check --fix"
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.name)

@@ -21,7 +21,7 @@ def checked(clients: Path) -> subprocess.CompletedProcess[str]:
 
 def test_the_clients_for_threads_are_as_they_would_be_made_now() -> None:
     done = checked(CLIENTS)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", ""), "run `./dev format`"
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", ""), "run `./dev check --fix`"
 
 
 def test_one_that_was_changed_by_hand_is_named(tmp_path: Path) -> None:

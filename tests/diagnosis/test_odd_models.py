@@ -108,7 +108,7 @@ def test_an_odd_model_is_answered_with_an_exact_count_in_few_steps(
         ("overlapping", 60, 1_000, 21_000),
         ("either-or", 300, 2_000, 10),
         ("parity-chain", 300, 2_000, 10),
-        pytest.param("dense", 60, 20_000, 25_000, marks=pytest.mark.slow),
+        pytest.param("dense", 60, 20_000, 25_000),
     ],
 )
 def test_where_there_are_too_many_the_smallest_are_told_in_bounded_steps(

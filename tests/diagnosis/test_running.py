@@ -89,7 +89,6 @@ def test_after_a_deadline_the_engine_is_as_good_as_new() -> None:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
 def test_reuse_gives_the_same_as_a_fresh_engine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(core_guided, "RESET_SEARCHES", 10)  # so that the solver is built anew in between

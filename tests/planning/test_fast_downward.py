@@ -6,11 +6,7 @@ import resource
 import subprocess
 import sys
 
-import pytest
-
 from robomend.planning.planners.fast_downward import children_end_after
-
-pytestmark = pytest.mark.slow
 
 STARTER = """
 import resource, signal, subprocess, sys

@@ -20,7 +20,6 @@ from robomend_client.literals import fails
 
 __all__ = ["workers_from_nothing"]  # a fixture of all tests here
 
-pytestmark = pytest.mark.slow
 
 CODE = '''
 import os, signal, time

@@ -32,7 +32,7 @@ docs/observers.md, "Your own observer". To add one to robomend:
 3. docs/observers.md: its section;
 4. tests/clients/observers/test_NAME.py, and an observer in EVERY_KIND of test_kinds.py beside it.
 
-The schemas in examples/ follow from these; `./dev format` writes them.
+The schemas in examples/ follow from these; `./dev check --fix` writes them.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ its docstring, which editors show), state, clauses; 2. in pddl/repair.pddl
 its type, the predicates of its state, its actions; 3. in docs/models.md, where one is shown whole:
 its section of a model with its keys, its state among what is observed, and its sort among those that
 quantifiers range over. The format, the vocabulary, diagnosis and planning follow from these, and the
-schema in examples/, which `./dev format` writes.
+schema in examples/, which `./dev check --fix` writes.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ it.
 To add a setting of a robot: 1. a field with a default in RobotConfig, here (and in `from_json`, unless it
 has the name that HTTP gives it); 2. the same in RobotBody of robomend/api/schemas/robots.py, with what it
 may be; 3. its row in docs/http.md. tests/robots/test_configuration.py holds the three against each other.
-The schema in examples/ follows from these; `./dev format` writes it.
+The schema in examples/ follows from these; `./dev check --fix` writes it.
 """
 
 from __future__ import annotations

@@ -220,7 +220,6 @@ def test_real_trials_against_the_real_service(
             assert score["detection_s"] < score["first_act_s"]
 
 
-@pytest.mark.slow
 def test_stretches_for_real(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], long: bool
 ) -> None:
