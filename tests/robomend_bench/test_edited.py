@@ -13,8 +13,17 @@ from rosbags.typesys import Stores, get_typestore
 
 from robomend_bench.batch import drives
 from robomend_bench.batch.command import command
-from robomend_bench.batch.edited import EDITS, Watched, edited, first_told, numbered
-from robomend_bench.batch.messages import Change, Message, read, write
+from robomend_bench.batch.edited import (
+    EDITS,
+    Change,
+    Message,
+    Watched,
+    edited,
+    first_told,
+    numbered,
+    read,
+    write,
+)
 
 BEGIN_NS = drives.BEGIN_S * 10**9
 START_NS, STOP_NS = BEGIN_NS + 20 * 10**9, BEGIN_NS + 30 * 10**9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import json
 import platform
@@ -16,8 +17,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from robomend.cli import robots
-from robomend.cli.remote.connection import format_option, service_options
+from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
@@ -26,7 +26,9 @@ from robomend_client.counts import counted
 if TYPE_CHECKING:
     from http.client import HTTPConnection
 
+    from robomend.robots.robot import Robot
     from robomend.settings import Settings
+
 
 AMISS = 1
 FREE_BYTES = 100 << 20
@@ -82,11 +84,11 @@ def command(
 
 def _looks(settings: Settings, robot: str | None, url: str | None, key: str | None) -> Iterator[Finding]:
     if robot is not None and url is not None:
-        yield from _robot(robot, lambda: robots.asked(robot, url, key))
+        yield from _robot(robot, lambda: _asked(robot, url, key))
         return
     yield from examine(settings)
     if robot is not None:
-        yield from _robot(robot, lambda: robots.read(robot, settings))
+        yield from _robot(robot, lambda: _read(robot, settings))
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
@@ -287,3 +289,60 @@ def _version(asked: HTTPConnection) -> str | None:
         return None
     finally:
         asked.close()
+
+
+# --- what `robomend doctor --robot` finds out of a robot: from a service that runs, or from the database.
+
+
+def _asked(robot: str, url: str, key: str | None) -> Sequence[str]:
+    """Return what the service at `url` says of the robot."""
+    with asking(url, key, robot=robot) as client:
+        found: Sequence[str] = client.robot(robot).value.get("findings", ())
+        return found
+
+
+def _read(robot: str, settings: Settings) -> Sequence[str]:
+    """Return what the database says of the robot (NotFound); which agents ask for work it cannot know."""
+    return asyncio.run(_read_database(robot, settings))
+
+
+async def _read_database(robot: str, settings: Settings) -> Sequence[str]:
+    from robomend.repairs.agent_queue import AgentQueue
+    from robomend.repairs.executors.registry import Surroundings
+    from robomend.repairs.foresight import findings
+    from robomend.robots import configuring
+    from robomend.robots.boards import Boards
+    from robomend.robots.memory import Memory
+    from robomend.robots.readers import Readers
+    from robomend.robots.systems import Systems
+    from robomend.store import opened
+
+    async def nothing(_: Robot | str) -> None: ...
+
+    readers = Readers(settings)
+    try:
+        async with opened(settings.database_url) as store:
+            memory = Memory(store, Systems(store, settings, readers), 1, taken_up=nothing, left=nothing)
+            state = await memory.robot(robot)
+            boards = Boards(
+                store,
+                lambda robot, said, time_ns: nothing(robot),
+                lambda robot, said: None,
+                lambda robot, link, why: None,
+            )
+            around = Surroundings(
+                robot=robot,
+                board=boards.made(robot, state.config, state.system.parts),
+                agents=AgentQueue(store),
+                hosts={},
+                programs=settings.programs,
+                webhook_hosts=settings.webhook_hosts,
+                halt=asyncio.Event(),
+            )
+            faults = await configuring.faults(state.config, state.system, readers)
+            actions: Sequence[str] = ()
+            with contextlib.suppress(RobomendError):  # its domain is at fault: named already
+                actions = await readers.actions(state.config.domain, state.system.parts)
+            return findings(state, faults, actions, around, None)
+    finally:
+        await readers.close()
