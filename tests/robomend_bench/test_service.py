@@ -20,8 +20,8 @@ from tests.waiting import until
 
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
-from robomend_bench.service import attack, load, stops
 from robomend_bench.service import command as bench
+from robomend_bench.service import load, stops
 from robomend_bench.service.attack import requests
 from robomend_bench.service.command import command
 from robomend_bench.service.load import LITERALS, RECENT, SimulatedRobot, prepare, run_fleet, run_growth
@@ -66,7 +66,6 @@ def test_every_literal_is_of_the_model_and_a_conflict_of_its_own() -> None:
 def _without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures need services that have warmed up; that there are figures does not."""
     monkeypatch.setattr(bench, "WARM_UP_S", 0.0)
-    monkeypatch.setattr(attack, "FIRST_S", 0.05)
     monkeypatch.setattr(stops, "WITHIN_S", 1.0)
 
 
@@ -182,16 +181,6 @@ def test_the_stop_is_measured_while_every_role_attacks() -> None:
     assert found["attacked"]["POST /stop"]["count"] > 0
     assert found["worst_ms"] == max(latency["max_ms"] for latency in found["attacked"].values())
     assert found["answers"]
-
-
-def test_what_strangers_take_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROBOMEND_BODY_TIMEOUT_S", "2")  # of the service that it starts
-    answer = CliRunner().invoke(command, ["--only", "strangers", "--format", "json", "--seconds", "0.2"])
-    assert answer.exit_code == 0, answer.output
-    found = json.loads(answer.stdout)["strangers"]
-    assert found["trailers"]["sent_mb"] > 0
-    assert found["trailers"]["grown_mb"] < 20  # 800 MB where nothing bounds them
-    assert found["drip_s"] < 60
 
 
 def test_every_role_has_its_attacks_and_none_is_a_request_that_nobody_reads() -> None:

@@ -24,10 +24,10 @@ from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
+from tests.service.crowd import crowding
 from tests.store.test_damage import overwrite, written
 from tests.waiting import until
 
-from robomend_bench.service.hostile import Crowd, crowding
 from robomend_bench.service.load import SimulatedRobot, body, prepare
 from robomend_bench.service.process import served
 from robomend_bench.service.wire import connect, request
@@ -244,13 +244,12 @@ def test_where_memory_ends_workers_are_missing_and_the_service_lives(tmp_path: P
 
 @pytest.mark.timeout(120)
 def test_slow_half_open_and_idle_clients_hold_nobody_up() -> None:
-    crowd = Crowd(slow_readers=10, slow_writers=10, half_open=20, idle_streams=50)
 
     async def run(url: str) -> None:
         robots = [SimulatedRobot(f"b{number}", 1, faults=3) for number in range(10)]
         idle = SimulatedRobot("idle", 1, faults=1)
         await prepare(url, [*robots, idle])
-        async with crowding(url, crowd, idle.name):
+        async with crowding(url, idle.name):
             connection = await connect(url)
             for robot in robots * 20:
                 async with asyncio.timeout(60):

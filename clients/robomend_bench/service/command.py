@@ -18,8 +18,7 @@ from typing import Any
 import click
 
 from robomend_bench.parts import only
-from robomend_bench.service.attack import drip, make_keys, run_attack, run_floods
-from robomend_bench.service.hostile import run_hostile
+from robomend_bench.service.attack import run_attack
 from robomend_bench.service.load import (
     FleetResult,
     SimulatedRobot,
@@ -60,10 +59,8 @@ PARTS = (
     "memory",
     "posts",
     "ndjson",
-    "hostile",
     "stop",
     "stop-under-attack",
-    "strangers",
     "overload",
     "growth",
 )
@@ -270,24 +267,6 @@ async def _ndjson(url: str, process: Served | None, wish: dict[str, Any]) -> Mea
     return found, rows
 
 
-async def _hostile(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
-    robots = min(wish["robots"], 200)
-    seconds = min(wish["seconds"], 60.0)
-    result = await run_hostile(url, robots=robots, seconds=seconds, served=process)
-    crowd = result.crowd
-    name = (
-        f"{robots} robots beside {crowd.slow_readers} slow readers, {crowd.slow_writers} slow writers, "
-        f"{crowd.half_open} half-open connections, {crowd.idle_streams} idle streams"
-    )
-    runs = (result.alone, result.crowded, result.after)
-    shown = " → ".join(f"{run.diagnosed.p99_ms:.1f}" for run in runs)
-    errors: dict[str, int] = {}
-    for run in runs:
-        errors.update(run.errors)
-    found = asdict(result) | {"ratio": result.ratio, "errors": errors}
-    return found, [(name, f"p99 {shown} ms: ×{result.ratio}", "within ×2")]
-
-
 def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     assert process is not None
     seconds = min(wish["seconds"], 300.0)
@@ -304,23 +283,6 @@ def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     count = sum(sum(statuses.values()) for statuses in result.answers.values())
     rows.append(("hostile requests, and their answers", f"{count}: {', '.join(sorted(said))}", "no 500"))
     return asdict(result) | {"worst_ms": result.worst_ms}, rows
-
-
-def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
-    assert process is not None
-    make_keys(process)
-    found = run_floods(process, min(wish["seconds"], 6.0))
-    rows = [
-        (
-            f"one connection without a key: {name}",
-            f"{flood.grown_mb} MB more, {flood.sent_mb:.0f} MB sent; it lived {flood.longest_s} s",
-            "< 1 MB",
-        )
-        for name, flood in found.items()
-    ]
-    lived_s = drip(url, 1.0, 60.0)
-    rows.append(("one connection without a key: a byte a second of a body", f"it lived {lived_s:.0f} s", ""))
-    return {name: asdict(flood) for name, flood in found.items()} | {"drip_s": lived_s}, rows
 
 
 OVERLOAD = 2.0
@@ -405,12 +367,10 @@ MEASURES: dict[str, Measure] = {
     "memory": _memory,
     "posts": _posts,
     "ndjson": _ndjson,
-    "hostile": _hostile,
     "stop-under-attack": _attack,
-    "strangers": _strangers,
     "overload": _overload,
     "growth": _growth,
 }
 
-OWN = frozenset({"memory", "stop", "stop-under-attack", "strangers", "growth"})
+OWN = frozenset({"memory", "stop", "stop-under-attack", "growth"})
 """Parts that need a service of their own."""
