@@ -29,7 +29,7 @@ SHARED = {
     "RefusedSentence": {JSON, "robomend.api.schemas.observations"},
     "Stop": {JSON, "robomend.store.records"},
     # each bridge has its own, for the same
-    "Liveness": {f"{BRIDGES}.{over}.liveness" for over in ("ros1", "ros2", "zenoh")},
+    "Liveness": {f"{BRIDGES}.{over}" for over in ("ros1.liveness", "ros2.liveness", "zenoh.node")},
     "MessageReaders": {f"{BRIDGES}.ros1.messages", f"{BRIDGES}.ros2.messages"},
     # what the client raises is the answer that the service's error became
     "NotFound": {ERRORS, "robomend.errors"},
