@@ -17,7 +17,6 @@ PACKAGE = Path(__file__).parent / "robomend_client"
 
 MADE = {
     PACKAGE / "rest" / "sync.py": PACKAGE / "rest" / "asynchronous.py",
-    PACKAGE / "rest" / "sync_sending.py": PACKAGE / "rest" / "async_sending.py",
     PACKAGE / "outbox" / "sync.py": PACKAGE / "outbox" / "asynchronous.py",
 }
 """What is made from what."""
@@ -32,7 +31,6 @@ WORDS = (
     (r"\bimport asyncio\b", "import time"),
     (r"\basyncio(?=\.sleep)", "time"),
     (r"\brest\.asynchronous\b", "rest.sync"),
-    (r"\basync_sending\b", "sync_sending"),
     # An asynchronous generator cannot delegate.
     (r"for event in (\S+):\n\s+yield event\n", r"yield from \1\n"),
 )

@@ -24,7 +24,7 @@ from robomend_client.agent.executors.ros_programs import (
     Launch,
     Lifecycle,
     LoadComponent,
-    SetParameter,
+    ParameterChange,
     SwitchControllers,
 )
 from robomend_client.agent.executors.systemd import Units
@@ -149,13 +149,13 @@ def test_a_launch_file_is_run_with_its_arguments_which_no_shell_reads(
             "type must be as std_srvs/srv/Trigger",
         ),
         (lambda base: CallService("a", {"a": "/a"}, "a/srv/B", {"x": "{y}"}), "request has a place for {y}"),
-        (lambda base: SetParameter("a", {"a": "/a"}, "p"), "values must map a word to a value"),
+        (lambda base: ParameterChange("p"), "values must map a word to a value"),
         (
-            lambda base: SetParameter("a", {"a": "/a"}, "p", {"x": "1"}, back="x"),
+            lambda base: ParameterChange("p", {"x": "1"}, back="x"),
             "values, steps and back must",
         ),
-        (lambda base: SetParameter("a", {"a": "/a"}, "p", steps={"x": "much"}), "steps must map a word"),
-        (lambda base: SetParameter("a", {"a": "/a"}, "p", steps={"x": "1"}), "least and most must bound"),
+        (lambda base: ParameterChange("p", steps={"x": "much"}), "steps must map a word"),
+        (lambda base: ParameterChange("p", steps={"x": "1"}), "least and most must bound"),
         (lambda base: SwitchControllers("a", {"a": "/m"}), "activate must name controllers"),
         (lambda base: SwitchControllers("a", {"a": "/m"}, ["x"], ["x"]), "deactivate must not name"),
         (lambda base: ChangeMode("a", {"a": "/m"}, []), "modes must list modes"),

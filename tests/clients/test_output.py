@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robomend_client.agent.output import OutputFile
+from robomend_client.agent.processes import OutputFile
 
 
 def size(output: OutputFile) -> int:

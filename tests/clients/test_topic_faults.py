@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from robomend_client.agent import topic_faults
+from robomend_client.agent import planted as topic_faults
 from robomend_client.agent.broker import Broker, TopicMessage
-from robomend_client.agent.topic_faults import DELAYED, DROPPED, TopicFaults
+from robomend_client.agent.planted import DELAYED, DROPPED, TopicFaults
 from robomend_client.python310 import timeout
 
 pytestmark = pytest.mark.anyio

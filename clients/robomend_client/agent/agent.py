@@ -21,16 +21,14 @@ from robomend_client.agent.actions import Actions
 from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
-from robomend_client.agent.executors.drill import drilled
 from robomend_client.agent.executors.ros_programs import Before
-from robomend_client.agent.executors.supervised import supervised
+from robomend_client.agent.executors.supervised import drilled, supervised
 from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Reads, Samples
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.moments import Moments, Watched
-from robomend_client.agent.planted import PlantedFaults
+from robomend_client.agent.planted import PlantedFaults, TopicFaults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
-from robomend_client.agent.topic_faults import TopicFaults
 from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
 from robomend_client.beats import until_beat_s

@@ -188,7 +188,7 @@ class Broker:
         diversion = self._diverted.get(message.topic.removeprefix("/"))
         (diversion or self.deliver)(message, line)
 
-    # --- called by topic_faults.py ------------------------------------------------------------------
+    # --- called by planted.py -----------------------------------------------------------------------
 
     def divert(self, topic: str, to: Diversion | None) -> None:
         """Hand the messages of a topic to somebody else from now on; None: to nobody any more."""

@@ -4,7 +4,7 @@
        ▲                  │ no evidence in time: ended            │ its own end
        └──────────────────┴───────────────────────────────────────┘
 
-`running` is what the node observer reports: there was evidence (readiness.py), and the process is alive, and
+`running` is what the node observer reports: there was evidence (Notification), and the process is alive, and
 not halted: stopped by a signal, or hung in the kernel. Its end is known at once, through its pidfd. Starts
 and stops of one process take turns; those of different processes do not wait for each other.
 """
@@ -12,13 +12,19 @@ and stops of one process take turns; those of different processes do not wait fo
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import re
+import secrets
+import shutil
 import signal
+import socket
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import quote
 
 from robomend_client.actions import (
     FAILED,
@@ -31,11 +37,108 @@ from robomend_client.actions import (
     not_started,
 )
 from robomend_client.agent.config import ProcessSpec
-from robomend_client.agent.output import OutputFile
-from robomend_client.agent.readiness import Notification
 from robomend_client.agent.spawn import Handle, NotStarted, described, halted, spawn, stuck, waits_in
 from robomend_client.python310 import StrEnum, timeout
 from robomend_client.readings import MAX_TEXT
+
+# --- what a process prints, in a file with a bound: NAME.log, and NAME.log.1 with what was before.
+#
+# Together they hold at most the bound. Normally the agent reads the process's output and writes it here. A
+# process that is to outlive the agent writes to the file itself, and the agent cuts it back now and then.
+
+
+class OutputFile:
+    """The output of one process, over all its starts."""
+
+    def __init__(self, folder: Path, name: str, most_bytes: int) -> None:
+        self.file = folder / f"{quote(name, safe='')}.log"  # names of nodes may hold slashes
+        self._half = most_bytes // 2
+        self._failed = False
+
+    @property
+    def before(self) -> Path:
+        return self.file.with_name(f"{self.file.name}.1")
+
+    def write(self, data: bytes) -> None:
+        """Append; a disk that is full must not stop the robot's agent."""
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            with self.file.open("ab") as file:
+                if file.tell() + len(data) > self._half:
+                    self.file.replace(self.before)
+                    self.file.write_bytes(data[-self._half :])
+                else:
+                    file.write(data)
+        except OSError as error:
+            if not self._failed:
+                log.error("the output of a process is lost: %s: %s", self.file, error)
+            self._failed = True
+
+    def open(self) -> int | None:
+        """Return a descriptor for a process that writes by itself; None if the file cannot be written."""
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            return os.open(self.file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            log.error("the output of a process is lost: %s: %s", self.file, error)
+            return None
+
+    def trim(self) -> None:
+        """Cut back what a process has written by itself: it goes on at the beginning of the emptied file."""
+        with contextlib.suppress(OSError):
+            if self.file.stat().st_size > self._half:
+                shutil.copyfile(self.file, self.before)
+                os.truncate(self.file, 0)
+                if self.before.stat().st_size > self._half:  # it was fast: the newest part counts
+                    with self.before.open("rb+") as file:
+                        file.seek(-self._half, os.SEEK_END)
+                        newest = file.read()
+                        file.seek(0)
+                        file.truncate()
+                        file.write(newest)
+
+    def tail(self, most_bytes: int) -> bytes:
+        """Return the newest output."""
+        with contextlib.suppress(OSError), self.file.open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - most_bytes))
+            return file.read()
+        return b""
+
+
+# --- what counts as evidence that a process runs, so that nothing waits for a fixed time:
+#
+#     exec      the program was executed: true once `spawn` has returned
+#     notify    it sent READY=1, systemd's sd_notify(3): a datagram to the socket in NOTIFY_SOCKET
+#     output    a line of its output matches
+
+
+class Notification:
+    """The socket for one start of one process: a random name in Linux's abstract namespace, gone with us."""
+
+    def __init__(self, ready: asyncio.Event) -> None:
+        self._ready = ready
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._name = f"robomend-notify-{secrets.token_hex(8)}"
+        self._socket.bind(f"\0{self._name}")
+        asyncio.get_running_loop().add_reader(self._socket, self._receive)
+
+    @property
+    def address(self) -> str:
+        return f"@{self._name}"
+
+    def _receive(self) -> None:
+        try:
+            datagram = self._socket.recv(4096)
+        except OSError:
+            return
+        if b"READY=1" in datagram.split(b"\n"):
+            self._ready.set()
+
+    def close(self) -> None:
+        if self._socket.fileno() >= 0:
+            asyncio.get_running_loop().remove_reader(self._socket)
+            self._socket.close()
+
 
 log = logging.getLogger(__name__)
 

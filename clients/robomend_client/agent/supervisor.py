@@ -20,8 +20,7 @@ from pathlib import Path
 from robomend_client.actions import ActionResult
 from robomend_client.agent import guard
 from robomend_client.agent.config import ProcessSpec
-from robomend_client.agent.output import OutputFile
-from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.agent.processes import OutputFile, SupervisedProcess
 from robomend_client.agent.spawn import adopt, boot_id
 from robomend_client.bus import ENVIRONMENT as BUS
 

@@ -10,8 +10,7 @@ What they have in common:
 
 base.py        a bridge to ROS in general        processes.py   who has a connection open here
 names.py       the model's names and ROS's       problems.py    what is wrong outside, told once
-opened.py      messages of a known definition    statuses.py    a diagnosis as diagnostic statuses
-unpacking.py   a field by itself                 listening.py   others' /observations
-fields.py      fields of whole messages          telling.py     what the robot is told
-sentences.py   sentences to literals (pure)
+opened.py      messages of a known definition    listening.py   others' /observations
+unpacking.py   a field by itself                 telling.py     what the robot is told
+fields.py      fields of whole messages
 """

@@ -2,7 +2,7 @@
 
 driver.py              feeds and asks them, live and over logs; read it after base.py
 combining.py           what several observers of one atom say together
-observer_state.py      what the driver keeps of each; ticks.py: whose turn it is
+observer_state.py      what the driver keeps of each, and whose turn it is
 recording.py           what a driver took in (listener.py), and its replay
 problems.py            what is left out, and observers that fail
 kinds.py               all kinds by name, and the section `observers:` of a file

@@ -25,7 +25,7 @@ times. The rules that make it so:
   observers start anew. Live, stamps that are far from the clock are left out and counted.
 
 Where several observers speak of one atom, combining.py says what holds; observer_state.py has what is kept of
-each observer, ticks.py whose turn it is, problems.py what is told of those that fail.
+each observer, and whose turn it is, problems.py what is told of those that fail.
 
 `settle(n, atoms)` has the observers of these atoms drop their samples and judge anew. The next change of
 each of these atoms carries n, of either sign; None if there is nothing to see within the settling time.
@@ -54,10 +54,9 @@ from robomend_client.observers.base import (
 )
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.listener import Listener
-from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
+from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, Ticks, after
 from robomend_client.observers.problems import ObserverProblem, ObserverProblems
 from robomend_client.observers.quiet import Samples, steady
-from robomend_client.observers.ticks import Ticks
 
 log = logging.getLogger(__name__)
 

@@ -19,7 +19,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from robomend_client.kind_files import load_of_file
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers.base import Observer
 from robomend_client.observers.general import GeneralObserver
@@ -32,7 +31,7 @@ from robomend_client.observers.parameters import (
 from robomend_client.observers.rate import Rate
 from robomend_client.observers.reading import FunctionObserver
 from robomend_client.paths import BadPath, several, steps
-from robomend_client.registry import BrokenKind, Registry, UnknownKind
+from robomend_client.registry import BrokenKind, Registry, UnknownKind, load_of_file
 from robomend_client.yaml_reader import Section
 
 BUS = "bus"

@@ -2,8 +2,7 @@
 
 calls.py          what can be asked, as values      retry.py      when to ask again
 asynchronous.py   AsyncClient: a method a call      sse.py        event streams, cut from bytes
-async_sending.py  how calls are sent                errors.py     what can go wrong
-sync.py           Client, and sync_sending.py: made from the two
+sync.py           Client: made from it              errors.py     what can go wrong
 """
 
 from robomend_client.rest.asynchronous import AsyncClient

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from robomend_client.bridges.listening import MOST_ATOMS, Sentences, read_sentence
 from robomend_client.bridges.names import Names, resolved
-from robomend_client.bridges.sentences import MOST_ATOMS, Sentences, read_sentence
 from robomend_client.literals import Literal, fails, holds
 
 

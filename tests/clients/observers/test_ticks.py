@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.clients.observers.driving import Told
 
-from robomend_client.observers.observer_state import NEVER, ObserverState, after
-from robomend_client.observers.ticks import Ticks
+from robomend_client.observers.observer_state import NEVER, ObserverState, Ticks, after
 
 STATES = 3
 

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robomend_client.agent.executors.base import ActionExecutor
-from robomend_client.kind_files import load_of_file
 from robomend_client.observers.parameters import UnreadableParameter, made, read_arguments
-from robomend_client.registry import BrokenKind, Registry, UnknownKind
+from robomend_client.registry import BrokenKind, Registry, UnknownKind, load_of_file
 from robomend_client.yaml_reader import Section
 
 ROOM = "robomend_client.agent.executors"
@@ -42,7 +41,7 @@ KINDS = Registry[Callable[..., ActionExecutor]](
         "medkit": "robomend_client.bridges.medkit.restart:Restart",
         "ros1_service": "robomend_client.bridges.ros1.asking:CallRos1Service",
         "ros1_parameter": "robomend_client.bridges.ros1.asking:SetRos1Parameter",
-        "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",
+        "ros_action": "robomend_client.bridges.ros1.actions:RosAction",
     },
 )
 

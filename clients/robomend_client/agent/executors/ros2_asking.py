@@ -116,18 +116,6 @@ def service(ask: Ask, said: Mapping[str, Any]) -> str:
     return understood(said["name"], answer)
 
 
-NAMED_TYPES = (
-    "not set",
-    "bool",
-    "integer",
-    "double",
-    "string",
-    "bytes",
-    "bools",
-    "integers",
-    "doubles",
-    "strings",
-)
 FIELDS = (
     "", "bool_value", "integer_value", "double_value", "string_value", "byte_array_value", "bool_array_value",
     "integer_array_value", "double_array_value", "string_array_value",
@@ -212,13 +200,14 @@ def parameter(ask: Ask, said: dict[str, Any]) -> str:
 
 
 STATES = {1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized"}
-CHANGES = {"configure": 1, "cleanup": 2, "activate": 3, "deactivate": 4}
-LEADS_TO = {
-    "configure": "inactive",
-    "cleanup": "unconfigured",
-    "activate": "active",
-    "deactivate": "inactive",
+CHANGES = {
+    "configure": (1, "inactive"),
+    "activate": (3, "active"),
+    "deactivate": (4, "inactive"),
+    "cleanup": (2, "unconfigured"),
 }
+"""Transition -> its number, and the state that it leads to."""
+
 UP_AGAIN = {
     "active": ("deactivate", "cleanup", "configure", "activate"),
     "inactive": ("cleanup", "configure", "activate"),
@@ -239,12 +228,12 @@ def lifecycle(ask: Ask, said: Mapping[str, Any]) -> str:
         changes = UP_AGAIN.get(begin)
         if changes is None:
             raise Ended(FAILED, f"{node} is {begin}: it cannot be brought up again from there")
-    elif begin == LEADS_TO[transition]:
+    elif begin == CHANGES[transition][1]:
         return f"{node} is {begin} already"
     else:
         changes = (transition,)
     for change in changes:
-        request = {"transition.id": CHANGES[change]}
+        request = {"transition.id": CHANGES[change][0]}
         answer = ask(node + "/change_state", ["lifecycle_msgs/srv/ChangeState"], request)
         if not answer.success:
             raise Ended(FAILED, f"{node} refuses to {change}, or failed to: it is {state()}")

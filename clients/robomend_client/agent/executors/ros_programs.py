@@ -17,6 +17,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from robomend_client.actions import (
     Feedback,
 )
 from robomend_client.agent.executors.program import PLACE, QUOTED, TAKES_S, Program, ended
+from robomend_client.agent.executors.ros2_asking import CHANGES
 
 LAUNCHERS = {"ros1": ("roslaunch",), "ros2": ("ros2", "launch")}
 
@@ -45,8 +47,14 @@ SHARE = 0.8
 """Of an action's time that a node has for its answer: the rest is the program's own."""
 
 
-class Ros2Asking(ABC):
-    """Asks a node of ROS 2 for one thing. The first parameter says of which node, by a list."""
+class NodeAsking(ABC):
+    """Asks a node of the robot for one thing. The first parameter says of which node, by a list.
+
+    Attributes:
+        name: the action, as the plan has it; by default the entry's name.
+        timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less or
+            more.
+    """
 
     gives_up = False  # the node goes on with it
 
@@ -56,7 +64,6 @@ class Ros2Asking(ABC):
         asked: Mapping[str, str],
         key: str,
         parameters: Sequence[Sequence[str]] = (),
-        python: str | None = None,
         timeout_s: float = TAKES_S,
     ) -> None:
         """`asked` is the section `key` of the file: parameter → full name of what is asked."""
@@ -71,21 +78,40 @@ class Ros2Asking(ABC):
         self.takes_s = timeout_s
         self.parameters = (tuple(asked), *map(tuple, parameters))
         self._asked = {one: full.rstrip("/") for one, full in asked.items()}
+
+    @abstractmethod
+    def said(self, parameters: Sequence[str]) -> dict[str, Any] | ActionResult:
+        """Return what is asked for, as ros2_asking.py takes it, or why nothing is."""
+
+    def would(self, parameters: Sequence[str]) -> str:
+        """Return what would be sent, for people."""
+        said = self.said(parameters)
+        return said.message if isinstance(said, ActionResult) else would(said)
+
+
+class Ros2Asking(NodeAsking):
+    """Asks a node of ROS 2, by a program that the robot's own Python runs.
+
+    Attributes:
+        python: the Python that has rclpy; by default /usr/bin/python3.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        asked: Mapping[str, str],
+        key: str,
+        parameters: Sequence[Sequence[str]] = (),
+        python: str | None = None,
+        timeout_s: float = TAKES_S,
+    ) -> None:
+        super().__init__(name, asked, key, parameters, timeout_s)
         self._python = python
         self._environment: Mapping[str, str] = {}
 
     def attach(self, environment: Mapping[str, str]) -> None:
         """Be in the domain that the agent's file names."""
         self._environment = environment
-
-    @abstractmethod
-    def said(self, parameters: Sequence[str]) -> dict[str, Any] | ActionResult:
-        """Return what ros2_asking.py is asked for, or why nothing is."""
-
-    def would(self, parameters: Sequence[str]) -> str:
-        """Return what would be sent, for people."""
-        said = self.said(parameters)
-        return said.message if isinstance(said, ActionResult) else would(said)
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
         said = self.said(action.parameters)
@@ -107,7 +133,7 @@ class Ros2Asking(ABC):
             self.was(action.parameters, told["before"])
         return ActionResult(CODES[code] if 0 <= code < len(CODES) else FAILED, sentence)
 
-    def was(self, parameters: Sequence[str], before: Any) -> None:  # noqa: B027  # most set nothing
+    def was(self, parameters: Sequence[str], before: Any) -> None:  # most set nothing
         """Note what it was that has been set."""
 
 
@@ -154,48 +180,101 @@ class CallService(Ros2Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             services: the action's first parameter → the service's full name.
             type: the service's type, such as std_srvs/srv/Trigger; of another it is not asked.
             request: field → value, dotted for messages in it; `{NAME}` stands for a parameter.
             parameters: name → what it may be, of further parameters, in the action's order.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
-        super().__init__(name, services, "services", tuple((parameters or {}).values()), python, timeout_s)
-        if type.count("/") != 2 or "/srv/" not in type:
-            raise ValueError(f"type must be as std_srvs/srv/Trigger, not {type!r}")
-        self._type = type
-        self._names = tuple(parameters or {})
-        self._request = checked_places(request or {}, self._names)
+        self._request = ServiceRequest(type, "std_srvs/srv/Trigger", request, parameters)
+        super().__init__(name, services, "services", self._request.lists, python, timeout_s)
 
     def said(self, parameters: Sequence[str]) -> dict[str, Any]:
-        values = dict(zip(self._names, parameters[1:], strict=True))
-        filled = {field: PLACE.sub(lambda at: values[at[1]], value) for field, value in self._request.items()}
-        return {
-            "ask": "service", "name": self._asked[parameters[0]], "type": self._type, "request": filled
-        }  # fmt: skip
+        return self._request.said(self._asked[parameters[0]], parameters[1:])
 
 
-def checked_places(request: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
-    """Return the request, if it has places for these parameters only.
+class ServiceRequest:
+    """The request of a service. `{NAME}` in a field's value stands for a parameter of the action."""
 
-    Raises:
-        ValueError: it has others.
+    def __init__(
+        self,
+        kind: str,
+        like: str,
+        fields: Mapping[str, str] | None,
+        parameters: Mapping[str, Sequence[str]] | None,
+    ) -> None:
+        """
+        Args:
+            kind: the service's type.
+            like: one that has the right parts, `std_srvs/srv/Trigger`.
+            fields: field → value.
+            parameters: name → what it may be.
+        """
+        parts, right = kind.split("/"), like.split("/")
+        if len(parts) != len(right) or parts[1:-1] != right[1:-1]:
+            raise ValueError(f"type must be as {like}, not {kind!r}")
+        self._kind = kind
+        self._names = tuple(parameters or {})
+        self.lists = tuple((parameters or {}).values())
+        self._fields = dict(fields or {})
+        for value in self._fields.values():
+            for place in PLACE.findall(value):
+                if place not in self._names:
+                    known = ", ".join(self._names) or "none"
+                    raise ValueError(f"request has a place for {{{place}}}, but the parameters are: {known}")
+
+    def said(self, service: str, parameters: Sequence[str]) -> dict[str, Any]:
+        """Return what is asked for with these parameters."""
+        values = dict(zip(self._names, parameters, strict=True))
+        filled = {field: PLACE.sub(lambda at: values[at[1]], value) for field, value in self._fields.items()}
+        return {"ask": "service", "name": service, "type": self._kind, "request": filled}
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """The words by which a node's parameter is changed: to a value, by a step, or back to what it was.
+
+    Attributes:
+        parameter: the parameter's name.
+        values: the action's second parameter → the value that is set.
+        steps: the same, → by how much a number is changed.
+        back: the second parameter that sets it back to what it was before the agent changed it.
+        least: what a step leads to at least.
+        most: what a step leads to at most.
     """
-    for value in request.values():
-        for place in PLACE.findall(value):
-            if place not in names:
-                known = ", ".join(names) or "none"
-                raise ValueError(f"request has a place for {{{place}}}, but the parameters are: {known}")
-    return dict(request)
+
+    parameter: str
+    values: Mapping[str, str] | None = None
+    steps: Mapping[str, str] | None = None
+    back: str | None = None
+    least: float | None = None
+    most: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.parameter:
+            raise ValueError("parameter must be the name of a parameter")
+        if not self.words:
+            raise ValueError("values must map a word to a value, e.g. {low: 5, high: 30}")
+        if len(set(self.words)) < len(self.words):
+            raise ValueError("values, steps and back must have words of their own")
+        try:
+            steps = [float(by) for by in (self.steps or {}).values()]
+        except ValueError:
+            raise ValueError("steps must map a word to a number, e.g. {faster: 5}") from None
+        if steps and (self.least is None or self.most is None or not self.least < self.most):
+            raise ValueError("least and most must bound what steps lead to")
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        return (*(self.values or {}), *(self.steps or {}), *(() if self.back is None else (self.back,)))
 
 
 class Before:
-    """What parameters were before an action changed them, in memory and, where it is known, on disk."""
+    """What a parameter of some nodes was before an action changed it, in memory and, where it is known, on
+    disk.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, change: ParameterChange) -> None:
+        self._change = change
         self._file: Path | None = None
         self._values: dict[str, Any] = {}
 
@@ -209,56 +288,32 @@ class Before:
         if isinstance(found, dict):
             self._values = found
 
-    def get(self, of: str) -> Any:
-        return self._values.get(of)
+    def said(self, node: str, word: str) -> dict[str, Any] | ActionResult:
+        """Return what is to become of the parameter of a node, or why nothing is."""
+        change = self._change
+        said = {"ask": "parameter", "name": node, "parameter": change.parameter}
+        if word == change.back:
+            before = self._values.get(f"{node} {change.parameter}")
+            if before is None:
+                why = f"{change.parameter} of {node}: it was not changed by this agent"
+                return ActionResult(REFUSED, why)
+            return {**said, "value": before}
+        if word in (change.steps or {}):
+            by = float((change.steps or {})[word])
+            return {**said, "by": by, "least": change.least, "most": change.most}
+        return {**said, "value": (change.values or {})[word]}
 
-    def note(self, of: str, value: Any) -> None:
-        """Keep what it was first; it is known no more once it was put back."""
-        if value is None:
+    def note(self, node: str, word: str, before: Any) -> None:
+        """Keep what it was first; that is known no more once it was set back."""
+        of = f"{node} {self._change.parameter}"
+        if word == self._change.back or before is None:
             self._values.pop(of, None)
         else:
-            self._values.setdefault(of, value)
+            self._values.setdefault(of, before)
         if self._file is not None:
             temporary = self._file.with_suffix(".new")
             temporary.write_text(json.dumps(self._values))
             temporary.replace(self._file)
-
-
-class ParameterWays:
-    """The words by which a parameter is changed: to a value, by a step, or back to what it was."""
-
-    def __init__(
-        self,
-        values: Mapping[str, str],
-        steps: Mapping[str, str],
-        back: str | None,
-        least: float | None,
-        most: float | None,
-    ) -> None:
-        self.words = (*values, *steps, *(() if back is None else (back,)))
-        if not self.words:
-            raise ValueError("values must map a word to a value, e.g. {low: 5, high: 30}")
-        if len(set(self.words)) < len(self.words):
-            raise ValueError("values, steps and back must have words of their own")
-        try:
-            self._steps = {word: float(by) for word, by in steps.items()}
-        except ValueError:
-            raise ValueError("steps must map a word to a number, e.g. {faster: 5}") from None
-        if steps and (least is None or most is None or not least < most):
-            raise ValueError("least and most must bound what steps lead to")
-        self._values, self._back = dict(values), back
-        self._bounds = {"least": least, "most": most}
-
-    def request(self, word: str, before: Any) -> dict[str, Any] | str:
-        """Return what is to become of the parameter, or why nothing is."""
-        if word == self._back:
-            return "it was not changed by this agent" if before is None else {"value": before}
-        if word in self._steps:
-            return {"by": self._steps[word], **self._bounds}
-        return {"value": self._values[word]}
-
-    def back(self, word: str) -> bool:
-        return word == self._back
 
 
 class SetParameter(Ros2Asking):
@@ -268,49 +323,25 @@ class SetParameter(Ros2Asking):
         self,
         name: str,
         nodes: Mapping[str, str],
-        parameter: str,
-        values: Mapping[str, str] | None = None,
-        steps: Mapping[str, str] | None = None,
-        back: str | None = None,
-        least: float | None = None,
-        most: float | None = None,
+        change: ParameterChange,
         python: str | None = None,
         timeout_s: float = TAKES_S,
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             nodes: the action's first parameter → the node's full name.
-            parameter: the parameter's name.
-            values: the action's second parameter → the value that is set.
-            steps: the same, → by how much a number is changed.
-            back: the second parameter that sets it back to what it was before the agent changed it.
-            least: what a step leads to at least.
-            most: what a step leads to at most.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
-        self._ways = ParameterWays(values or {}, steps or {}, back, least, most)
-        super().__init__(name, nodes, "nodes", (self._ways.words,), python, timeout_s)
-        if not parameter:
-            raise ValueError("parameter must be the name of a parameter")
-        self._parameter = parameter
-        self.before = Before()
+        super().__init__(name, nodes, "nodes", (change.words,), python, timeout_s)
+        self.before = Before(change)
 
     def said(self, parameters: Sequence[str]) -> dict[str, Any] | ActionResult:
-        node = self._asked[parameters[0]]
-        found = self._ways.request(parameters[1], self.before.get(f"{node} {self._parameter}"))
-        if isinstance(found, str):
-            return ActionResult(REFUSED, f"{self._parameter} of {node}: {found}")
-        return {"ask": "parameter", "name": node, "parameter": self._parameter, **found}
+        return self.before.said(self._asked[parameters[0]], parameters[1])
 
     def was(self, parameters: Sequence[str], before: Any) -> None:
-        of = f"{self._asked[parameters[0]]} {self._parameter}"
-        self.before.note(of, None if self._ways.back(parameters[1]) else before)
+        self.before.note(self._asked[parameters[0]], parameters[1], before)
 
 
-TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "restart")
+TRANSITIONS = (*CHANGES, "restart")
 
 
 class Lifecycle(Ros2Asking):
@@ -326,13 +357,9 @@ class Lifecycle(Ros2Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             nodes: the action's parameter → the node's full name.
             transition: configure, activate, deactivate or cleanup, or restart: down as far as it is up, and
                 up again; by default the name's first word.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
         super().__init__(name, nodes, "nodes", (), python, timeout_s)
         transition = transition or name.partition("_")[0]
@@ -358,13 +385,9 @@ class SwitchControllers(Ros2Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             managers: the action's parameter → the controller_manager's full name.
             activate: the controllers that are to be active after it.
             deactivate: the controllers that are to be inactive after it.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
         super().__init__(name, managers, "managers", (), python, timeout_s)
         if not (activate or deactivate):
@@ -390,12 +413,8 @@ class ChangeMode(Ros2Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             nodes: the action's first parameter → the node's full name, or the system's.
             modes: what the action's second parameter may be.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
         super().__init__(name, nodes, "nodes", (modes,), python, timeout_s)
         if not modes:
@@ -424,15 +443,11 @@ class LoadComponent(Ros2Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             nodes: the action's parameter → the full name of the node that the component is.
             container: the full name of the container that it belongs to.
             package: the component's package.
             plugin: the component's class.
             verb: load, unload or restart; by default the name's first word.
-            python: the Python that has rclpy; by default /usr/bin/python3.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
         super().__init__(name, nodes, "nodes", (), python, timeout_s)
         verb = verb or name.partition("_")[0]

@@ -6,10 +6,9 @@ catkin and no distribution.
     xmlrpc.py         calls between nodes            tcpros.py          bytes of connections (sans-io)
     master.py         the master's calls             node.py            our own node
     subscription.py   a topic that comes in          publication.py     a topic that goes out
-    nodes.py          who runs (pure)                liveness.py        how that is found out
+    liveness.py       who runs                       bag.py             the graph of a recording
     messages.py       messages by their definitions  formats.py         the messages that go out
-    action_topics.py  the words of actionlib         action_server.py   actions that nodes ask for
-    action_client.py  the robot's own actions        bag.py             the graph of a recording
+    actions.py        actionlib, both ways           asking.py          services and parameters
     feed.py           the section `ros1:`, and what observers get
 """
 

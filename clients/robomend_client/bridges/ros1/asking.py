@@ -18,7 +18,7 @@ import hashlib
 import json
 import os
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,9 +33,16 @@ from robomend_client.actions import (
     ActionResult,
     Feedback,
 )
-from robomend_client.agent.executors.program import PLACE, TAKES_S
+from robomend_client.agent.executors.program import TAKES_S
 from robomend_client.agent.executors.ros2_asking import Ended, understood, wanted
-from robomend_client.agent.executors.ros_programs import SHARE, Before, ParameterWays, checked_places
+from robomend_client.agent.executors.ros_programs import (
+    SHARE,
+    Before,
+    NodeAsking,
+    ParameterChange,
+    ServiceRequest,
+    would,
+)
 from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.services import read_header
@@ -276,43 +283,20 @@ async def _asked(
         raise Ended(FAILED, f"the answer of {service} cannot be read: {error}"[:400]) from error
 
 
-class Ros1Asking(ABC):
-    """Asks a node of ROS 1 for one thing. The first parameter says of which node, by a list."""
+class Ros1Asking(NodeAsking):
+    """Asks a node of ROS 1, as our own node."""
 
-    gives_up = False  # the node goes on with it
-
-    def __init__(
-        self,
-        name: str,
-        asked: Mapping[str, str],
-        key: str,
-        parameters: Sequence[Sequence[str]],
-        timeout_s: float,
-    ) -> None:
-        if not asked:
-            raise ValueError(f"{key} must map a parameter to a full name, e.g. {{camera_node: /camera}}")
-        for full in asked.values():
-            if not full.startswith("/"):
-                raise ValueError(f"{key}: {full!r} must be a full name, with its slash")
-        if not timeout_s > 0:
-            raise ValueError("timeout_s must be above 0")
-        self.name = name
-        self.takes_s = timeout_s
-        self.parameters = (tuple(asked), *map(tuple, parameters))
-        self._asked = {one: full.rstrip("/") for one, full in asked.items()}
-        self._node: RosNode | None = None
+    _node: RosNode | None = None
 
     def attach(self, node: RosNode) -> None:
         """Ask as this node."""
         self._node = node
 
     @abstractmethod
-    def would(self, parameters: Sequence[str]) -> str:
-        """Return what would be sent, for people."""
-
-    @abstractmethod
-    async def ask(self, node: RosNode, parameters: Sequence[str], within_s: float) -> str:
-        """Ask; return what came of it.
+    async def ask(
+        self, node: RosNode, parameters: Sequence[str], said: Mapping[str, Any], within_s: float
+    ) -> str:
+        """Ask for it; return what came of it.
 
         Raises:
             Ended: it did not do it.
@@ -321,9 +305,13 @@ class Ros1Asking(ABC):
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
         if self._node is None:
             return ActionResult(UNREACHABLE, f"{action}: the agent's file has no section ros1")
-        feedback(1, f"{action}: {self.would(action.parameters)}")
+        said = self.said(action.parameters)
+        if isinstance(said, ActionResult):
+            return said
+        feedback(1, f"{action}: {would(said)}")
         try:
-            return ActionResult(OK, await self.ask(self._node, action.parameters, action.timeout_s * SHARE))
+            within_s = action.timeout_s * SHARE
+            return ActionResult(OK, await self.ask(self._node, action.parameters, said, within_s))
         except Ended as ended:
             return ActionResult(ended.code, str(ended))
         except PeerError as error:
@@ -345,38 +333,29 @@ class CallRos1Service(Ros1Asking):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             services: the action's first parameter → the service's full name.
             type: the service's type, such as std_srvs/Trigger; of another it is not asked.
             request: field → value, dotted for messages in it; `{NAME}` stands for a parameter.
             parameters: name → what it may be, of further parameters, in the action's order.
             definition: the text of the type's .srv, where no package here has it.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
-        super().__init__(name, services, "services", tuple((parameters or {}).values()), timeout_s)
-        if type.count("/") != 1:
-            raise ValueError(f"type must be as std_srvs/Trigger, not {type!r}")
-        self._names = tuple(parameters or {})
-        self._request = checked_places(request or {}, self._names)
+        self._request = ServiceRequest(type, "std_srvs/Trigger", request, parameters)
+        super().__init__(name, services, "services", self._request.lists, timeout_s)
         self._type, self._definition = type, definition
         self._kind: ServiceType | None = None
 
-    def _filled(self, parameters: Sequence[str]) -> dict[str, str]:
-        values = dict(zip(self._names, parameters[1:], strict=True))
-        return {name: PLACE.sub(lambda at: values[at[1]], value) for name, value in self._request.items()}
+    def said(self, parameters: Sequence[str]) -> dict[str, Any]:
+        return self._request.said(self._asked[parameters[0]], parameters[1:])
 
-    def would(self, parameters: Sequence[str]) -> str:
-        fields = ", ".join(f"{name}: {value}" for name, value in self._filled(parameters).items())
-        return f"the service {self._asked[parameters[0]]} ({self._type}) is called with {{{fields}}}"
-
-    async def ask(self, node: RosNode, parameters: Sequence[str], within_s: float) -> str:
-        service = self._asked[parameters[0]]
+    async def ask(
+        self, node: RosNode, parameters: Sequence[str], said: Mapping[str, Any], within_s: float
+    ) -> str:
+        service = said["name"]
         try:
             if self._kind is None:
                 text = self._definition or definition_of(self._type)
                 self._kind = await asyncio.to_thread(ServiceType, self._type, text)
-            request = self._kind.request(self._filled(parameters))
+            request = self._kind.request(said["request"])
         except ValueError as error:
             raise Ended(REFUSED, f"the request of {service} cannot be made: {error}") from error
         return understood(service, await ask(node, service, self._kind, request, within_s))
@@ -386,58 +365,28 @@ class SetRos1Parameter(Ros1Asking):
     """Sets a parameter of a node of ROS 1, and sets it back."""
 
     def __init__(
-        self,
-        name: str,
-        nodes: Mapping[str, str],
-        parameter: str,
-        values: Mapping[str, str] | None = None,
-        steps: Mapping[str, str] | None = None,
-        back: str | None = None,
-        least: float | None = None,
-        most: float | None = None,
-        timeout_s: float = TAKES_S,
+        self, name: str, nodes: Mapping[str, str], change: ParameterChange, timeout_s: float = TAKES_S
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; by default the entry's name.
             nodes: the action's first parameter → the node's full name.
-            parameter: the parameter's name.
-            values: the action's second parameter → the value that is set.
-            steps: the same, → by how much a number is changed.
-            back: the second parameter that sets it back to what it was before the agent changed it.
-            least: what a step leads to at least.
-            most: what a step leads to at most.
-            timeout_s: how long it may take, in seconds; the robot's configuration at the service may say less
-                or more.
         """
-        self._ways = ParameterWays(values or {}, steps or {}, back, least, most)
-        super().__init__(name, nodes, "nodes", (self._ways.words,), timeout_s)
-        if not parameter:
-            raise ValueError("parameter must be the name of a parameter")
-        self._parameter = parameter
-        self.before = Before()
+        super().__init__(name, nodes, "nodes", (change.words,), timeout_s)
+        self.before = Before(change)
 
-    def _wanted(self, parameters: Sequence[str]) -> dict[str, Any] | str:
-        node = self._asked[parameters[0]]
-        return self._ways.request(parameters[1], self.before.get(f"{node} {self._parameter}"))
+    def said(self, parameters: Sequence[str]) -> dict[str, Any] | ActionResult:
+        return self.before.said(self._asked[parameters[0]], parameters[1])
 
-    def would(self, parameters: Sequence[str]) -> str:
-        node, found = self._asked[parameters[0]], self._wanted(parameters)
-        if isinstance(found, str):
-            return f"{self._parameter} of {node}: {found}"
-        to = f"changed by {found['by']:+g}" if "by" in found else f"set to {found['value']}"
-        return f"the parameter {self._parameter} of {node} is {to}"
-
-    async def ask(self, node: RosNode, parameters: Sequence[str], within_s: float) -> str:
-        name, found = self._asked[parameters[0]], self._wanted(parameters)
-        what = f"{self._parameter} of {name}"
-        if isinstance(found, str):
-            raise Ended(REFUSED, f"{what}: {found}")
-        now = await node.master.parameter(f"{name}/{self._parameter}")
+    async def ask(
+        self, node: RosNode, parameters: Sequence[str], said: Mapping[str, Any], within_s: float
+    ) -> str:
+        name, parameter = said["name"], said["parameter"]
+        what = f"{parameter} of {name}"
+        now = await node.master.parameter(f"{name}/{parameter}")
         if now is None:
             raise Ended(REFUSED, f"{what} cannot be set: the parameter server has none of this name")
         try:
-            to = wanted({**found, "name": name, "parameter": self._parameter}, now)
+            to = wanted(said, now)
         except (TypeError, ValueError) as error:
             raise Ended(REFUSED, f"{what} cannot be set: {error}") from error
         if to == now:
@@ -446,15 +395,15 @@ class SetRos1Parameter(Ros1Asking):
         if await node.master.lookup_service(service) is not None and type(to) in LISTS:
             reconfigure = "dynamic_reconfigure/Reconfigure"
             kind = await asyncio.to_thread(ServiceType, reconfigure, DEFINITIONS[reconfigure])
-            given = {"config": {LISTS[type(to)]: [{"name": self._parameter, "value": to}]}}
+            given = {"config": {LISTS[type(to)]: [{"name": parameter, "value": to}]}}
             answer = await ask(node, service, kind, kind.request(given), within_s)
             is_now = {one.name: one.value for one in getattr(answer.config, LISTS[type(to)])}
-            if is_now.get(self._parameter, to) != to:
-                given_to = json.dumps(is_now[self._parameter])
+            if is_now.get(parameter, to) != to:
+                given_to = json.dumps(is_now[parameter])
                 raise Ended(FAILED, f"{what}, asked to be {json.dumps(to)}, was set to {given_to}")
             how = ""
         else:
-            await node.master.set_parameter(f"{name}/{self._parameter}", to)
+            await node.master.set_parameter(f"{name}/{parameter}", to)
             how = " on the parameter server; a node that reads it only at its start does not see it"
-        self.before.note(f"{name} {self._parameter}", None if self._ways.back(parameters[1]) else now)
+        self.before.note(name, parameters[1], now)
         return f"{what} is {json.dumps(to)} now{how}; it was {json.dumps(now)}"

@@ -25,13 +25,11 @@ from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.measured import is_board, measured
 from robomend_client.bridges.problems import MIXED_S
-from robomend_client.bridges.ros1 import formats, model_server
-from robomend_client.bridges.ros1.action_client import RosAction
-from robomend_client.bridges.ros1.action_server import POWER, ActionServer
+from robomend_client.bridges.ros1 import formats
+from robomend_client.bridges.ros1.actions import MODEL_SERVER, POWER, ActionServer, ModelServer, RosAction
 from robomend_client.bridges.ros1.asking import Ros1Asking
 from robomend_client.bridges.ros1.liveness import Liveness
 from robomend_client.bridges.ros1.messages import MessageReaders, described
-from robomend_client.bridges.ros1.model_server import ModelServer
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.services import Services
 from robomend_client.bridges.ros1.subscription import Publisher
@@ -134,13 +132,13 @@ class Ros1(RosBridge):
         topics = {name: _topic(node, name, self.told_topic(name)) for name in self.publishes}
         work = [self.tell_by(parts, topics).run()]
         mine = (name for name in parts.executors.names if name not in BY_COMPONENT)
-        served = (*mine, *POWER, model_server.NAME)
+        served = (*mine, *POWER, MODEL_SERVER)
         for name in self.serves:
             if name not in served:
                 known = ", ".join(served)
                 self.problems.tell(name, f"cannot be served: this agent can do {known}")
                 continue
-            server = ModelServer if name == model_server.NAME else ActionServer
+            server = ModelServer if name == MODEL_SERVER else ActionServer
             work.append(server(node, parts, name, self.names.ros(name)).run())
         for executor in parts.executors:
             if isinstance(executor, RosAction | Ros1Asking):

@@ -14,7 +14,7 @@ from typing import Any
 from robomend_client.bridges.measured import row_of
 from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.bridges.ros1.publication import MessageType
-from robomend_client.bridges.statuses import statuses
+from robomend_client.bridges.telling import statuses
 
 HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
 GOAL_STATUS = (
@@ -138,6 +138,6 @@ def board(channels: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
 
 
 def diagnostics(result: Mapping[str, Any] | None, why_none: str, time_ns: int) -> bytes:
-    """Return /diagnostics: see statuses.py."""
+    """Return /diagnostics: see telling.py."""
     found = statuses(result, why_none)
     return encode(DIAGNOSTICS, {"header": {"stamp": stamp(time_ns)}, "status": found})

@@ -20,10 +20,9 @@ from typing import Any
 
 from robomend_client.beats import beat
 from robomend_client.bridges.problems import Complaint, Problems
-from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.master import Master
 from robomend_client.bridges.ros1.publication import Describe, Publication, Subscriber
-from robomend_client.bridges.ros1.subscription import OnLink, OnMessage, Subscription
+from robomend_client.bridges.ros1.subscription import Bursts, OnLink, OnMessage, Subscription
 from robomend_client.bridges.ros1.xmlrpc import PeerError, XmlRpcServer, address_of
 from robomend_client.python310 import timeout
 

@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from robomend_client.bridges.ros2.entities import Entities
+from robomend_client.bridges.ros2.cdr import Entities
 from robomend_client.bridges.ros2.names import ros_service, ros_topic, ros_type
 from robomend_client.ros_graph import GOALS_END, RosGraph
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robomend_client.bridges.ros2.cdr import CdrWriter
-from robomend_client.bridges.statuses import statuses
+from robomend_client.bridges.telling import statuses
 
 STRING = "std_msgs/String"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"

@@ -14,14 +14,75 @@ its participant is not heard any more: its lease
 from __future__ import annotations
 
 import asyncio
+import socket
+import time
 from collections.abc import Collection, Mapping
 
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.processes import Process, is_ours
+from robomend_client.bridges.processes import Process, has_open, is_ours
 from robomend_client.bridges.ros2.base import Unheard
 from robomend_client.bridges.ros2.discovered import Discovered, Participant
-from robomend_client.bridges.ros2.processes import find
-from robomend_client.bridges.ros2.remote_port import RemotePort
+
+# --- the process of a participant, where it runs on this computer: the system knows at once that it ended.
+#
+# DDS itself notices a killed or frozen process when its lease is over, 10 or 20 s later. A participant says
+# at which address it takes messages: if that is one of ours, the process is the one that has the port open.
+
+
+def find(participant: Participant) -> Process | None:
+    """Return the process of a participant; None if it is on another computer, or nobody's that we may see."""
+    if not participant.port or not is_ours(participant.address):
+        return None
+    return has_open(lambda local, _: local == participant.port, ("udp", "udp6"), participant.pid)
+
+
+# --- whether anybody still has a port of another computer: that computer's own system says if not.
+#
+# DDS cannot tell a process that was killed from a network that has split: both are silent. A datagram to a
+# port that nobody has is refused (ICMP), by a computer that is there; one that a firewall keeps from saying
+# so, or that is out of reach, says nothing.
+
+NOTHING_SAID = b"RTPS\x02\x01\x01\x10" + bytes(12)
+"""A message of DDS without a part: whoever takes it does nothing."""
+
+AGAIN_S = 1.0
+PATIENCE_S = 0.5
+"""So long it is as it was: refusals come at once."""
+
+
+class RemotePort:
+    """One port, asked again and again."""
+
+    def __init__(self, address: str, port: int) -> None:
+        family = socket.AF_INET6 if ":" in address else socket.AF_INET
+        self._to = (address, port)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._began_s = time.monotonic()
+        self._asked_s = float("-inf")
+        self._refused = False
+
+    def runs(self) -> bool | None:
+        """Return whether somebody has the port; True at first, and None when nothing was said."""
+        if self._refused:
+            return False
+        now_s = time.monotonic()
+        try:
+            if now_s - self._asked_s >= AGAIN_S:
+                self._asked_s = now_s
+                self._socket.connect(self._to)
+                self._socket.send(NOTHING_SAID)
+            self._socket.recv(1)
+        except ConnectionRefusedError:
+            self._refused = True
+            return False
+        except (OSError, ValueError):  # nothing yet, or no way there
+            pass
+        return True if now_s - self._began_s < PATIENCE_S else None
+
+    def close(self) -> None:
+        self._socket.close()
+
 
 MOST_ASKED = 128
 """Ports of other computers that are asked; each takes a socket."""

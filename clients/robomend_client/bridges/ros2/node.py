@@ -15,19 +15,108 @@ and only when the new one knows them, too, does it take the old one's place:
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from robomend_client.beats import beat
 from robomend_client.bridges.problems import Complaint, Problems
-from robomend_client.bridges.ros2 import entities
+from robomend_client.bridges.ros2 import cdr
 from robomend_client.bridges.ros2.base import LOOK_S, Unheard
-from robomend_client.bridges.ros2.cdr import BadCdr
-from robomend_client.bridges.ros2.dds import Dds, NoDds, RawWriter
-from robomend_client.bridges.ros2.discovered import Discovered
-from robomend_client.bridges.ros2.entities import Entities, NodeEntities
-from robomend_client.bridges.ros2.names import ros_topic, wire_topic, wire_type
-from robomend_client.bridges.ros2.topics import ListenedTopic, OnSample
+from robomend_client.bridges.ros2.cdr import BadCdr, Entities, NodeEntities
+from robomend_client.bridges.ros2.dds import Dds, NoDds, RawReader, RawWriter, Sample
+from robomend_client.bridges.ros2.discovered import Discovered, Endpoint
+from robomend_client.bridges.ros2.names import ros_topic, ros_type, wire_topic, wire_type
+
+# --- a topic that the bridge listens to: with the type and the quality of service that its newest writer has.
+#
+# So it is heard whatever its writers offer: best effort and volatile; from the start, where all of them are
+# latched. A topic whose writer changes its type is heard on, by the new one, and that is told.
+
+DEPTH = 100
+"""Samples of one topic that may come between two looks: 1 kHz, and twice that."""
+
+MOST_WRITERS = 1024
+
+OnSample = Callable[[Endpoint, Sample], None]
+
+
+class ListenedTopic:
+    """One topic, by its name in ROS."""
+
+    def __init__(self, topic: str, on_sample: Sequence[OnSample], problems: Problems) -> None:
+        self.topic = topic
+        self.wire = wire_topic(topic)
+        self.newest_ns: dict[bytes, int] = {}  # writer -> its stamp on what was taken last
+        self._on_sample = on_sample
+        self._problems = problems
+        self._reader: RawReader | None = None
+        self._reads: tuple[str, bool] | None = None  # type on the wire, latched
+        self._writer: Endpoint | None = None  # the newest
+        self._changed_from = ""  # a type, as long as that is to be told
+
+    @property
+    def key(self) -> bytes | None:
+        """Our reader's key."""
+        return None if self._reader is None else self._reader.key
+
+    def follow(self, dds: Dds, found: Discovered) -> None:
+        """Listen as its writers speak now."""
+        writers = found.writers(self.wire)
+        if not writers:
+            return
+        reads = choose(writers)
+        self._writer = writers[-1]
+        if self._reads is not None and reads[0] != self._reads[0]:
+            self._changed_from = ros_type(self._reads[0])
+        if self._changed_from and found.is_named(self._writer):
+            what = f"{found.node_of(self._writer)} publishes {ros_type(reads[0])}"
+            self._problems.tell(self.topic, f"{what}, where {self._changed_from} came before")
+            self._changed_from = ""
+        if reads == self._reads:
+            return
+        self.close()
+        self._reads = reads
+        try:
+            self._reader = dds.reader(self.wire, reads[0], DEPTH, reads[1])
+        except NoDds as error:
+            self._problems.tell(self.topic, str(error))
+
+    def take(self, found: Discovered, after_ns: Mapping[bytes, int] | None = None) -> bool:
+        """Hand on what has come in; return whether anything had.
+
+        With `after_ns`, of each writer in there what is newer than that; of others only what is latched: what
+        waited of them came over some time, and would all count as having come now.
+        """
+        if self._reader is None:
+            return False
+        samples = self._reader.take()
+        others_ns = 0 if self._reads is not None and self._reads[1] else 1 << 62
+        for sample in samples:
+            writer = found.writer(sample.writer) or self._somebody()
+            if len(self.newest_ns) < MOST_WRITERS:
+                self.newest_ns[writer.key] = sample.time_ns
+            if after_ns is None or sample.time_ns > after_ns.get(writer.key, others_ns):
+                for on_sample in self._on_sample:
+                    on_sample(writer, sample)
+        return bool(samples)
+
+    def _somebody(self) -> Endpoint:
+        """Return a writer that has gone, or has just begun and is not discovered yet: it has no name."""
+        assert self._writer is not None  # there was one when the reader was made
+        return replace(self._writer, key=b"", participant=b"")
+
+    def close(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+
+
+def choose(writers: Sequence[Endpoint]) -> tuple[str, bool]:
+    """Return the type to listen for, and whether all its writers are latched."""
+    kind = writers[-1].type
+    same = [writer for writer in writers if writer.type == kind]
+    return kind, all(writer.durability and writer.reliable for writer in same)
+
 
 TELL_S = 2.0
 """Whoever is heard again tells its nodes within so long, or does not."""
@@ -219,8 +308,8 @@ class _Part:
         self.topics = {topic: ListenedTopic(topic, wanted, node.problems) for topic, wanted in wanted.items()}
         self.writers = [dds.writer(wire_topic(one.topic), wire_type(one.kind)) for one in told]
         self.returned_s: dict[bytes, float] = {}  # since when
-        self._graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
-        self._graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
+        self._graph_in = dds.reader(cdr.TOPIC, cdr.TYPE, 100, latched=True)
+        self._graph_out = dds.writer(cdr.TOPIC, cdr.TYPE, latched=True)
         self._announced: Entities | None = None
         self._began_s = time.monotonic()
         self._complete_s: float | None = None  # since when it knows all that the part before it does
@@ -239,9 +328,9 @@ class _Part:
         for sample in self._graph_in.take():
             changed = True
             try:
-                self.found.told(entities.decode(sample.data))
+                self.found.told(cdr.decode(sample.data))
             except BadCdr as error:
-                problems.tell(entities.TOPIC, Complaint("a message cannot be read", str(error)))
+                problems.tell(cdr.TOPIC, Complaint("a message cannot be read", str(error)))
         if changed:
             for topic in self.topics.values():
                 topic.follow(self.dds, self.found)
@@ -278,9 +367,9 @@ class _Part:
         """Say which readers and writers are ours, as others say it."""
         readers = (topic.key for topic in self.topics.values())
         own = NodeEntities(self._node.name, _known(readers), tuple(writer.key for writer in self.writers))
-        said = Entities(self.found.own, (own,), self.found.gid_size or entities.GID)
+        said = Entities(self.found.own, (own,), self.found.gid_size or cdr.GID)
         if said != self._announced:
-            self._graph_out.write(entities.encode(said))
+            self._graph_out.write(cdr.encode(said))
             self._announced = said
             self.found.told(said)
 

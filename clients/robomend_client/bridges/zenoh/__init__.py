@@ -4,8 +4,7 @@ section `zenoh:`.
 It speaks zenoh through the wheel eclipse-zenoh, and needs no ROS. Messages are those of ROS 2 over DDS, so
 all that reads and writes them is in ros2/.
 
-    session.py     the wheel, and our configuration   keys.py       ROS's names in keys (pure)
-    graph.py       who is there (pure)                liveness.py   which nodes run
-    topics.py      a topic that comes in, or goes out node.py       our own node
-    feed.py        the section `zenoh:`
+    session.py     the wheel, and our configuration   node.py       our own node, its topics, who runs
+    keys.py        ROS's names in keys, and who is    feed.py       the section `zenoh:`
+                   there by them (pure)
 """

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from robomend_client.agent.feeds import Deliver
 from robomend_client.bridges.ros2.base import Ros2Bridge
-from robomend_client.bridges.zenoh.liveness import Liveness
-from robomend_client.bridges.zenoh.node import ZenohNode
+from robomend_client.bridges.zenoh.node import Liveness, ZenohNode
 from robomend_client.bridges.zenoh.session import NoZenoh, ZenohSession
 from robomend_client.yaml_reader import Section
 

@@ -11,6 +11,7 @@ import pytest
 from tests.ros1 import Robot, robot
 
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
+from robomend_client.agent.executors.ros_programs import ParameterChange
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1.asking import (
     DEFINITIONS,
@@ -154,7 +155,7 @@ def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back
     reconfigure = offered("dynamic_reconfigure/Reconfigure", echo=True)
     node.do("offer", name="/lidar/set_parameters", **reconfigure)
     ways: dict[str, Any] = {"values": {"low": "5"}, "back": "before", "steps": {"more": "20"}}
-    fps = SetRos1Parameter("set_fps", {"camera": "/camera"}, "fps", **ways, least=1, most=30)
+    fps = SetRos1Parameter("set_fps", {"camera": "/camera"}, ParameterChange("fps", **ways, least=1, most=30))
     fps.before.keep_in(tmp_path)
     assert do(ros, fps, "camera", "before").code == REFUSED
     low = do(ros, fps, "camera", "low")
@@ -167,11 +168,13 @@ def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back
     assert do(ros, fps, "camera", "more").code == OK
     assert do(ros, fps, "camera", "before").code == OK
     assert node.do("parameter", name="/camera/fps") == 15
-    missing = do(ros, SetRos1Parameter("x", {"c": "/camera"}, "fsp", {"low": "5"}), "c", "low")
+    missing = do(
+        ros, SetRos1Parameter("x", {"c": "/camera"}, ParameterChange("fsp", {"low": "5"})), "c", "low"
+    )
     assert missing == ActionResult(
         REFUSED, "fsp of /camera cannot be set: the parameter server has none of this name"
     )
-    rate = SetRos1Parameter("set_rate", {"lidar": "/lidar"}, "rate", {"slow": "2.5"})
+    rate = SetRos1Parameter("set_rate", {"lidar": "/lidar"}, ParameterChange("rate", {"slow": "2.5"}))
     assert do(ros, rate, "lidar", "slow") == ActionResult(OK, "rate of /lidar is 2.5 now; it was 10.0")
     (asked,) = node.heard
     assert asked["value"]["config"]["doubles"] == [{"name": "rate", "value": 2.5}]

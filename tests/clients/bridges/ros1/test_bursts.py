@@ -11,8 +11,8 @@ from collections.abc import Callable
 import pytest
 from tests.waiting import eventually
 
-from robomend_client.bridges.ros1 import bursts as module
-from robomend_client.bridges.ros1.bursts import Bursts
+from robomend_client.bridges.ros1 import subscription as module
+from robomend_client.bridges.ros1.subscription import Bursts
 from robomend_client.python310 import timeout
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robomend_client.bridges.ros1.nodes import Nodes, NodeState
+from robomend_client.bridges.ros1.liveness import Nodes, NodeState
 
 
 def test_a_node_that_is_only_listed_is_unknown_until_it_was_heard() -> None:

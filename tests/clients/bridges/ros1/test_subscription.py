@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from robomend_client.beats import BEAT_NS
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.ros1.bursts import Bursts
-from robomend_client.bridges.ros1.subscription import Subscription, spread
+from robomend_client.bridges.ros1.subscription import Bursts, Subscription, spread
 from robomend_client.observers import SECOND, Change, Driver
 from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.rate import Rate

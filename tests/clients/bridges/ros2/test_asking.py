@@ -21,6 +21,7 @@ from robomend_client.agent.executors.ros_programs import (
     ASKING,
     CallService,
     Lifecycle,
+    ParameterChange,
     Ros2Asking,
     SetParameter,
 )
@@ -96,7 +97,7 @@ def test_parameters_are_set_stepped_and_set_back_in_the_nodes_own_words(
     node.do("declare", name="serial", value="x1", read_only=True)
     at = {"camera": "/camera"}
     ways: dict[str, Any] = {"values": {"low": "5", "high": "90"}, "back": "before", "steps": {"more": "20"}}
-    fps = SetParameter("set_fps", at, "fps", **ways, least=1, most=30)
+    fps = SetParameter("set_fps", at, ParameterChange("fps", **ways, least=1, most=30))
     fps.before.keep_in(tmp_path)
     assert do(ros, fps, "camera", "before").message == "fps of /camera: it was not changed by this agent"
     assert do(ros, fps, "camera", "low") == ActionResult(OK, "fps of /camera is 5 now; it was 15")
@@ -107,16 +108,16 @@ def test_parameters_are_set_stepped_and_set_back_in_the_nodes_own_words(
     assert do(ros, fps, "camera", "more").message == "fps of /camera is 25 now; it was 5"
     assert do(ros, fps, "camera", "more").message == "fps of /camera is 30 now; it was 25"
     assert do(ros, fps, "camera", "more") == ActionResult(REFUSED, "fps of /camera is 30 already, its bound")
-    again = SetParameter("set_fps", at, "fps", **ways, least=1, most=30)
+    again = SetParameter("set_fps", at, ParameterChange("fps", **ways, least=1, most=30))
     again.before.keep_in(tmp_path)  # another agent's life
     assert do(ros, again, "camera", "before") == ActionResult(OK, "fps of /camera is 15 now; it was 30")
     assert do(ros, again, "camera", "before").code == REFUSED
-    gain = SetParameter("set_gain", at, "gain", {"two": "2"})
+    gain = SetParameter("set_gain", at, ParameterChange("gain", {"two": "2"}))
     assert do(ros, gain, "camera", "two") == ActionResult(OK, "gain of /camera is 2.0 now; it was 1.5")
-    serial = do(ros, SetParameter("rename", at, "serial", {"y": "y1"}), "camera", "y")
+    serial = do(ros, SetParameter("rename", at, ParameterChange("serial", {"y": "y1"})), "camera", "y")
     assert serial.code == FAILED
     assert "read-only" in serial.message
-    missing = do(ros, SetParameter("set_fsp", at, "fsp", {"low": "5"}), "camera", "low")
+    missing = do(ros, SetParameter("set_fsp", at, ParameterChange("fsp", {"low": "5"})), "camera", "low")
     assert missing.code == FAILED
     assert "fsp" in missing.message
     assert "undeclared parameter" in missing.message

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from robomend_client.bridges.ros2.cdr import Entities, NodeEntities
 from robomend_client.bridges.ros2.discovered import SOMEBODY, Discovered, Endpoint, Participant
-from robomend_client.bridges.ros2.entities import Entities, NodeEntities
+from robomend_client.bridges.ros2.node import choose
 from robomend_client.bridges.ros2.stamps import MOST_LATE_NS, Ages
-from robomend_client.bridges.ros2.topics import choose
 
 STRING, SCAN = "std_msgs::msg::dds_::String_", "sensor_msgs::msg::dds_::LaserScan_"
 LASER, MAPPER = b"laser".ljust(16), b"mapper".ljust(16)

@@ -14,7 +14,7 @@ from tests.clients.bridges.ros2.listening import hearing
 from tests.ros2 import Ros2Robot
 
 from robomend_client.bridges.ros2.discovered import Participant
-from robomend_client.bridges.ros2.processes import find
+from robomend_client.bridges.ros2.liveness import find
 
 
 def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from robomend_client.bridges.ros2 import entities, formats
-from robomend_client.bridges.ros2.cdr import BadCdr
-from robomend_client.bridges.ros2.entities import Entities, NodeEntities
+from robomend_client.bridges.ros2 import cdr, formats
+from robomend_client.bridges.ros2.cdr import BadCdr, Entities, NodeEntities
 from robomend_client.bridges.ros2.names import ros_service, ros_topic, ros_type, wire_topic, wire_type
 
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
@@ -33,7 +32,7 @@ whole = st.builds(
 
 @given(whole)
 def test_a_participants_nodes_come_back_as_they_were_told(said: Entities) -> None:
-    found = entities.decode(entities.encode(said))
+    found = cdr.decode(cdr.encode(said))
     assert (found.participant, found.nodes) == (said.participant, said.nodes)
 
 
@@ -41,7 +40,7 @@ def test_a_participants_nodes_come_back_as_they_were_told(said: Entities) -> Non
 def test_rosbags_reads_the_same_out_of_our_message(release: Stores, size: int) -> None:
     store = get_typestore(release)
     told = NodeEntities("/sensors/laser", (KEY,), (KEY[::-1], KEY))
-    message: Any = store.deserialize_cdr(entities.encode(Entities(KEY, (told,), size)), INFO)
+    message: Any = store.deserialize_cdr(cdr.encode(Entities(KEY, (told,), size)), INFO)
     (node,) = message.node_entities_info_seq
     assert bytes(message.gid.data)[:16] == KEY
     assert (node.node_namespace, node.node_name) == ("/sensors", "laser")
@@ -59,14 +58,14 @@ def test_we_read_what_rosbags_writes(release: Stores, size: int, little: bool) -
     )
     message = types[INFO](gid=gid, node_entities_info_seq=[node])
     body = store.serialize_cdr(message, INFO, little_endian=little)
-    assert entities.decode(bytes(body)) == Entities(KEY, (NodeEntities("/laser", (), (KEY,)),), size)
+    assert cdr.decode(bytes(body)) == Entities(KEY, (NodeEntities("/laser", (), (KEY,)),), size)
 
 
 @given(st.binary(max_size=200))
 def test_garbage_is_refused_and_nothing_else_happens(data: bytes) -> None:
     for head in (b"", b"\0\1\0\0"):
         with suppress(BadCdr):
-            entities.decode(head + data)
+            cdr.decode(head + data)
 
 
 def result(*bad: str) -> dict[str, Any]:

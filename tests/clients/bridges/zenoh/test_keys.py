@@ -11,16 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from robomend_client.bridges.zenoh.graph import SOMEBODY, Graph
 from robomend_client.bridges.zenoh.keys import (
     CLIENT,
     KINDS,
     NODE,
     PUBLISHER,
     SERVER,
+    SOMEBODY,
     SUBSCRIBER,
     Attachment,
     BadKey,
+    Graph,
     LivelinessToken,
     attach,
     gid,
@@ -30,8 +31,7 @@ from robomend_client.bridges.zenoh.keys import (
     token_key,
     type_of,
 )
-from robomend_client.bridges.zenoh.liveness import _of
-from robomend_client.bridges.zenoh.topics import HASHES
+from robomend_client.bridges.zenoh.node import HASHES, _of
 
 STRING = "std_msgs::msg::dds_::String_"
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
