@@ -35,8 +35,7 @@ from collections.abc import Mapping
 
 from robomend.planning.domain.values import Domain
 from robomend.planning.grounding import GroundAction, Grounder
-from robomend.planning.pddl_text import pddl_names
-from robomend.planning.problem import Fact, RepairProblem
+from robomend.planning.problem import Fact, RepairProblem, pddl_names
 from robomend.planning.validation import Named
 
 # --- A repair problem as plain STRIPS, for planners that read no more: ground, without types, quantifiers,
@@ -225,7 +224,7 @@ class PlanningProblem:
 
             made = strips(self.domain, self.problem, costs=kind == "strips-costs")
             return PddlFiles(made.domain, made.problem, lambda words: made.actions.get(" ".join(words)))
-        from robomend.planning.pddl_text import pddl_names, problem_text
+        from robomend.planning.problem import pddl_names, problem_text
 
         objects = {word: name for name, word in pddl_names(self.problem.objects).items()}
 

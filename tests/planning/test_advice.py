@@ -208,7 +208,7 @@ def test_a_node_that_had_ended_is_restarted_once_more_before_something_else_is_b
     agg = ["stop_node(agg)", "start_node(agg)"]
     assert steps(chosen(PROBE, *seen, tried=(start, restart), surely_broken=known)) == agg
     assert steps(chosen(PROBE, *seen, tried=(start, restart))) != agg
-    # Not for ever: a repair does the same three times at most (robomend.repairs.repeating).
+    # Not for ever: a repair does the same three times at most (robomend.repairs.acts).
     vain = chosen(PROBE, *seen, tried=(start, *[restart] * 9), surely_broken=known)
     assert steps(vain) != agg
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from tests.planning.robots import TEDUSAR, texts
 
-from robomend.planning.offers import Offer, Offers
 from robomend.planning.plan import Plan
 from robomend.planning.planning import PlanOptions, plan_for
+from robomend.planning.problem import Offer, Offers
 from robomend.store.agent_actions import meant_for
 from robomend.store.records import AgentAction
 from robomend_client.literals import holds

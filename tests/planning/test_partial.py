@@ -13,9 +13,8 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.advice import Situation, parts_of
+from robomend.planning.advice import Situation, explains_all, left_bad, parts_of
 from robomend.planning.choice import Choice
-from robomend.planning.partial import explains_all, left_bad
 from robomend.planning.plan import Step
 from robomend.planning.planning import PlanOptions, plans_for
 from robomend_client.literals import Literal, fails, holds

@@ -13,12 +13,11 @@ from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.domain.loading import PAPER_DOMAIN, load_domain, shipped
-from robomend.planning.foresight import check_names
-from robomend.planning.offers import Offer, Offers
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.policy import Mode, Policy
-from robomend.planning.problem import repair_problem
+from robomend.planning.problem import Offer, Offers, repair_problem
 from robomend.planning.validation import validate
+from robomend.robots.configuring import check_names
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.readings import Symptom
 

@@ -9,9 +9,8 @@ from robomend.planning import planning
 from robomend.planning.decomposition import Part, PartAction
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Outcome
-from robomend.planning.planning import PlanOptions, forget, plan_for
+from robomend.planning.planning import PlanOptions, forget, plan_for, stages
 from robomend.planning.problem import repair_problem
-from robomend.planning.series import stages
 from robomend.planning.validation import validate
 from robomend_bench.suites.plans import broken, random_robot, some_bad
 

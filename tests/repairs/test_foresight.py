@@ -11,7 +11,7 @@ from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, s
 
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
-from robomend.repairs.offers import offers_if_all
+from robomend.repairs.choosing import offers_if_all
 from robomend.robots.batches import Batch
 from robomend.robots.declared import Declaration, DeclaredAgents
 from robomend.robots.reporters import Reporter

@@ -9,7 +9,7 @@ import pytest
 from tests.repairs.robot import CONFIG, HARDWARE, MODEL, Robot, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
-from robomend.repairs.repeating import MOST
+from robomend.repairs.acts import MOST
 from robomend.store import attempts
 from robomend_client.actions import FAILED
 from robomend_client.readings import Symptom

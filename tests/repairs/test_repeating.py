@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.repairs.robot import Robot, robot_on, service, the_repair
 
-from robomend.repairs.repeating import Repeats, parameters_of
+from robomend.repairs.acts import Repeats, parameters_of
 from robomend_client.actions import FAILED, NO_PROGRAM, OK, REFUSED, Action, ActionResult
 from robomend_client.literals import Literal, fails, holds
 

@@ -9,8 +9,7 @@ import pytest
 from robomend.errors import OptionRefused
 from robomend.planning import planning
 from robomend.planning.decomposition import Part
-from robomend.planning.planning import EXACT_UP_TO
-from robomend.planning.series import in_series
+from robomend.planning.planning import EXACT_UP_TO, in_series
 from robomend_bench.running import run_suite
 from robomend_bench.suite import Wish, find_suite
 from robomend_bench.suites.plans import broken, longest_chain, random_robot, some_bad, supplied_robot

@@ -13,9 +13,8 @@ from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
 from robomend.robots.declared import Declaration, DeclaredAgents, Delays
-from robomend.robots.evidence import Dating, RestsOn, Twins
+from robomend.robots.evidence import ENOUGH, Dating, RestsOn, SourceClocks, Twins
 from robomend.robots.sight import Sight
-from robomend.robots.source_clocks import ENOUGH, SourceClocks
 from robomend_client.literals import Atom, Literal
 
 S = 10**9

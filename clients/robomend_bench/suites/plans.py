@@ -8,7 +8,7 @@
 Mode `time` asks for two bad components and for all bad at once. Mode `cost` compares the cost of plans, with
 Fast Downward where it is installed, on two groups: small robots, each of whose parts is searched whole, and
 robots with a power supply, whose part is planned in stages where enough of it is broken
-(robomend.planning.series). `dijkstra`, `asp` and Fast Downward are held to the cheapest plan that
+(robomend.planning.decomposition). `dijkstra`, `asp` and Fast Downward are held to the cheapest plan that
 anybody found, `pyperplan` to 1.1 times its cost.
 """
 
@@ -26,11 +26,10 @@ from robomend.errors import InputError, OptionRefused
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.model.loading import load_model
 from robomend.planning.domain.loading import load_domain
-from robomend.planning.pddl_text import problem_text
 from robomend.planning.plan import Outcome
 from robomend.planning.planners import PLANNERS, make_planner
 from robomend.planning.planning import PlanOptions, forget, plan_for
-from robomend.planning.problem import needs_of, repair_problem
+from robomend.planning.problem import needs_of, problem_text, repair_problem
 from robomend.resources import resource
 from robomend_bench.exporting import Exported, PlanningProblem
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish

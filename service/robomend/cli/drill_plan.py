@@ -26,9 +26,8 @@ def asked(
     from robomend.drills.permission import board_of, nobody_for
     from robomend.model.loading import load_text
     from robomend.planning.drill import MOST_FAULTS, drill_plan
-    from robomend.robots.at_hand import observables_at_hand
     from robomend.robots.configuration import RobotConfig, protection_of
-    from robomend.robots.declared import declaration
+    from robomend.robots.declared import declaration, observables_at_hand
 
     with asking(url, key, robot=robot) as client:
         state = client.robot(robot).value

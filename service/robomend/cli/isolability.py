@@ -83,8 +83,8 @@ def at_hand(
     if robot is None and not agents and not observe:
         return None
     from robomend.observations.language import parse
-    from robomend.robots.at_hand import observables_at_hand
     from robomend.robots.configuration import RobotConfig
+    from robomend.robots.declared import observables_at_hand
 
     found: set[Atom] = set()
     if robot is not None:

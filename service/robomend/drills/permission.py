@@ -16,9 +16,8 @@ from robomend.planning.faults import (
     plantable,
 )
 from robomend.planning.policy import Mode
-from robomend.robots.at_hand import observables_at_hand
 from robomend.robots.configuration import RobotConfig, policy_of, protection_of
-from robomend.robots.declared import Declaration
+from robomend.robots.declared import Declaration, observables_at_hand
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 

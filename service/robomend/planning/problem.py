@@ -27,17 +27,77 @@ Facts of predicates that the domain does not declare are left out, so one builde
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robomend.errors import DomainError, UnknownComponent
 from robomend.model.components import KINDS, ComponentModel, Hardware, Node, Remedy
 from robomend.model.loops import strong_components
 from robomend.planning.domain.values import PAIRS, Declared, Domain
-from robomend.planning.offers import Offers
 from robomend.planning.protection import protection
+from robomend_client.actions import offered
 from robomend_client.literals import Atom, Literal
 from robomend_client.near import did_you_mean
+
+# --- who of a robot's agents can do what, by action and parameter: what nobody can do is not planned.
+#
+# An agent says with each poll what it is handed (robomend.repairs.agent_queue holds it to that); an action
+# that none of them is handed would wait for its time-out, and then not have been done. Pure; values only.
+
+NAMED = 5
+"""Parameters that a reason lists of an agent; the rest is counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What one agent says."""
+
+    agent: str
+    host: str | None = None
+    can: frozenset[str] | None = None  # None: anything
+
+
+@dataclass(frozen=True, slots=True)
+class Offers:
+    """What all agents of a robot say: none that is there is missing."""
+
+    agents: tuple[Offer, ...]
+    actions: frozenset[str]  # those that agents carry out
+    hosts: Mapping[str, str | None] = field(default_factory=dict)  # component -> whose agents act on it
+
+    def any_does(self, name: str) -> bool:
+        """Return whether an agent does an action at all, on whatever."""
+        return any(
+            agent.can is None or name in agent.can or any(one.startswith(f"{name}:") for one in agent.can)
+            for agent in self.agents
+        )
+
+    def why_nobody(self, name: str, parameters: Sequence[str]) -> str | None:
+        """Return why an action would find nobody, or None.
+
+        Of a host none of whose agents was heard nothing is known: one may be about to come back.
+        """
+        if name not in self.actions:
+            return None
+        host = next((self.hosts[each] for each in parameters if self.hosts.get(each)), None)
+        there = [agent for agent in self.agents if host is None or agent.host == host]
+        if not there or any(offered(agent.can, name, parameters) for agent in there):
+            return None
+        said = "; ".join(f"{agent.agent} does {_listed(name, agent.can or ())}" for agent in there[:NAMED])
+        more = f" and {len(there) - NAMED} more agents" if len(there) > NAMED else ""
+        return f"no agent{f' on {host}' if host else ''} offers it ({said}{more})"
+
+
+def _listed(name: str, can: frozenset[str] | tuple[()]) -> str:
+    """Return on what an agent does an action."""
+    said = (one.partition(":")[2] for one in can if one.startswith(f"{name}:"))
+    on = sorted(f"({one.replace(',', ', ')})" if "," in one else one for one in said)
+    if not on:
+        return f"no {name}"
+    more = f" and {len(on) - NAMED} more" if len(on) > NAMED else ""
+    return f"{name} of {', '.join(on[:NAMED])}{more}"
+
 
 Fact = tuple[str, ...]
 """A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
@@ -367,3 +427,60 @@ def _add_observed(
         ):
             fact = (atom.predicate, *atom.args)
             facts.add(fact) if positive else facts.discard(fact)
+
+
+# --- a repair problem as PDDL text, for people and for other planners.
+#
+# Names that are no PDDL words, or that differ in case only, become `o7`; a comment says what each stands
+# for.
+
+WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*\Z")
+
+
+def problem_text(domain: Domain, problem: RepairProblem, goal: Iterable[Fact]) -> str:
+    """Return the problem file that goes with `domain.pddl`."""
+    names = pddl_names(problem.objects)
+    renamed = [f";; {word} is {name}" for name, word in names.items() if word != name.lower()]
+    lines = [
+        ";; Made by robomend. Protected and excluded components are not expressed here: their shutdown and",
+        ";; stop actions are left out before planning.",
+        *renamed,
+        f"(define (problem {_word(problem.name)})",
+        f"  (:domain {domain.name})",
+        "  (:objects",
+    ]
+    by_type: dict[str, list[str]] = {}
+    for name, kind in problem.objects.items():
+        if name not in domain.constants:
+            by_type.setdefault(kind, []).append(names[name])
+    lines += [f"    {' '.join(members)} - {kind}" for kind, members in by_type.items()]
+    lines[-1] += ")"
+    lines.append("  (:init")
+    lines += [f"    {_fact(fact, names)}" for fact in sorted(problem.initial)]
+    lines += ["    (= (total-cost) 0))", "  (:goal (and"]
+    lines += [f"    {_fact(fact, names)}" for fact in goal]
+    lines += ["  ))", "  (:metric minimize (total-cost)))", ""]
+    return "\n".join(lines)
+
+
+def pddl_names(objects: Iterable[str]) -> dict[str, str]:
+    """Return object -> its word in the problem file, each word once."""
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for index, name in enumerate(objects):
+        word = name.lower()
+        if not WORD.match(name) or word in taken:
+            word = f"o{index}"
+            while word in taken:
+                word += "x"
+        taken.add(word)
+        found[name] = word
+    return found
+
+
+def _word(name: str) -> str:
+    return name.lower() if WORD.match(name) else "robot"
+
+
+def _fact(fact: Fact, names: dict[str, str]) -> str:
+    return f"({' '.join((fact[0], *(names[name] for name in fact[1:])))})"

@@ -8,8 +8,8 @@ live_repair.py       one repair: what the loop asks for, answered by robots, sto
 reasons.py           whether there is a reason to begin one by itself
 choosing.py          the situation that a choice is made in
 execution.py         a plan, step by step;  execution_values.py  what that needs and reports
+acts.py              its journal, and how often an act may be repeated
 looking.py           OBS meanwhile: preconditions, effects, contradictions
-reporting.py         how far each step came
 executors/           who carries out an action;  agent_queue.py  the actions that wait for agents
 record.py            what is written down, before an action is sent and after;  repair_json.py  as JSON
 remembering.py       what was tried, whether it helped, and what is left alone

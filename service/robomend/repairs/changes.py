@@ -40,10 +40,10 @@ from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.static_facts import OutOfWork, Work
 from robomend.poller import wait_for
 from robomend.repairs.acts import Acts
+from robomend.repairs.choosing import offers_if_all
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, timings
-from robomend.repairs.offers import offers_if_all
 from robomend.repairs.record import LOOP, ActionRecord
 from robomend.repairs.repair_json import change_json, step_json
 from robomend.repairs.signals import Requests, Signals

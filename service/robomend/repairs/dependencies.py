@@ -9,10 +9,9 @@ from functools import partial
 
 from robomend.errors import Refused
 from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.choosing import Chooser
+from robomend.repairs.choosing import Chooser, hosts_of
 from robomend.repairs.execution_values import nobodys
 from robomend.repairs.executors.registry import Surroundings, executors
-from robomend.repairs.offers import hosts_of
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
 from robomend.robots.robot import Robot

@@ -17,8 +17,8 @@ from robomend.model.components import ComponentModel
 from robomend.model.schemes import publishers_of
 from robomend.observations.language import parse
 from robomend.observations.obs import Contradiction
-from robomend.planning.offers import Offers
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
+from robomend.planning.problem import Offers
 from robomend.repairs.execution_values import Timing, timings
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
 from robomend.robots.clock import CLOCK

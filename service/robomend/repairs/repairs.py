@@ -29,11 +29,10 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.account import account
 from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.choosing import Chooser
+from robomend.repairs.choosing import Chooser, offers_if_all
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
-from robomend.repairs.offers import offers_if_all
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import change_json, repair_json
 from robomend.repairs.robot_loops import RobotLoops

@@ -8,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import OrderedDict, deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robomend.errors import ObservationError
+from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
+from robomend.robots.configuration import RobotConfig
 from robomend_client.actions import offered, on
 from robomend_client.literals import Atom
 
@@ -125,3 +127,27 @@ def declaration(
             for literal in parse(sentence, vocabulary):
                 delays[literal.atom] = Delays(round(detection_s * 1e9), round(settling_s * 1e9))
     return Declaration(agent, host, None if can is None else frozenset(can), delays, dict(takes_s or {}))
+
+
+# --- what a robot's observers report: the observables that isolability is asked with.
+#
+# `observed` of its configuration; what its power board says by itself (the relays, and the currents that
+# are expected); and what its agents said when they last asked for work.
+
+
+def observables_at_hand(
+    config: RobotConfig, system: System, agents: Iterable[Declaration] = ()
+) -> tuple[Atom, ...]:
+    """Return the atoms, in order; ObservationError where `observed` names what the model does not have."""
+    found: set[Atom] = set()
+    for sentence in config.observed:
+        found |= {literal.atom for literal in parse(sentence, system.vocabulary)}
+    if config.board is not None and system.parts is not None:
+        for device in system.parts.hardware.values():
+            if device.channel is not None:
+                found.add(Atom("on", (device.name,)))
+                if device.channel in config.board.expected_currents:
+                    found.add(Atom("ok", ("current", device.name)))
+    for agent in agents:
+        found |= agent.observes.keys()
+    return tuple(sorted(found))

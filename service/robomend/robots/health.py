@@ -11,20 +11,54 @@ healthy          all that should be observed is, and the diagnosis of that blame
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from enum import StrEnum
 from functools import partial
+from typing import Any
 
+import structlog
+
+from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.components import Criticality
 from robomend.model.functions import rests_on
-from robomend.robots.background import Background
 from robomend.robots.robot import Robot
 from robomend.store import Store, Transaction
 from robomend.store.records import Json
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
+
+# --- work that nobody waits for; when it fails, the log says so.
+
+log = structlog.get_logger("robomend.robots.health")
+
+
+class Background:
+    """Tasks of one event loop, which `close` ends."""
+
+    def __init__(self) -> None:
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def begin(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        """Do it beside everything else."""
+        task = asyncio.create_task(self._logged(work, name), name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def close(self) -> None:
+        """Give up what is not done yet."""
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=5.0)
+
+    async def _logged(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        try:
+            await work
+        except RobomendError as error:
+            log.warning("not done", what=name, code=error.code, detail=str(error))
 
 
 class HealthState(StrEnum):

@@ -22,14 +22,13 @@ from robomend.entry import Entry
 from robomend.errors import InputError, NotFound, ObservationError, Overloaded, RobomendError, StateConflict
 from robomend.metrics import Metrics
 from robomend.robots import configuring
-from robomend.robots.background import Background
 from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
 from robomend.robots.boards import SOURCE, Boards, WiredBoard, board_update
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import Diagnosing
-from robomend.robots.health import HealthWatch
+from robomend.robots.health import Background, HealthWatch
 from robomend.robots.memory import Memory
 from robomend.robots.readers import Readers
 from robomend.robots.reporters import OURSELVES, Reporter, Reports, note

@@ -25,8 +25,7 @@ from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import DeclaredAgents, Delays
-from robomend.robots.evidence import Dating, Twins
-from robomend.robots.source_clocks import SourceClocks
+from robomend.robots.evidence import Dating, SourceClocks, Twins
 from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import BOARD

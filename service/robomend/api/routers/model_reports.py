@@ -14,7 +14,7 @@ from robomend.api.page_route import PageRoute, page, shell, wanted_parts
 from robomend.api.problems import of_error
 from robomend.errors import NotFound, RobomendError
 from robomend.model.system import System
-from robomend.robots.at_hand import observables_at_hand
+from robomend.robots.declared import observables_at_hand
 from robomend.store import models
 from robomend.store.records import Paging, StoredModel
 from robomend.web.comparison import compare, isolability_change

@@ -34,7 +34,7 @@ from robomend.api.schemas.isolability import IsolabilityBody, IsolabilityOut
 from robomend.api.schemas.models import ModelBody, ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
 from robomend.errors import InputError
-from robomend.robots.at_hand import observables_at_hand
+from robomend.robots.declared import observables_at_hand
 from robomend.robots.readers import Readers
 from robomend.security import API
 from robomend.settings import Settings

@@ -4,7 +4,7 @@
 
 Words fold to lower case, as PDDL wants, except those in double quotes: `"Front/Lidar"` names an object
 whose name is no PDDL word. A comment runs from `;` to the end of its line. Nothing here knows what the
-words mean: see robomend.planning.domain.parser.
+words mean: see robomend.planning.domain.loading.
 """
 
 from __future__ import annotations

@@ -20,8 +20,7 @@ from typing import Any
 from robomend.errors import OptionRefused, SolverError
 from robomend.planning.decomposition import Part
 from robomend.planning.planners import PartAnswer
-from robomend.planning.planners.strips import answer, up_problem
-from robomend.planning.planners.unified import oneshot_planner
+from robomend.planning.planners.strips import answer, oneshot_planner, up_problem
 
 
 class FastDownward:

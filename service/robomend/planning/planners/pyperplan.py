@@ -24,8 +24,7 @@ from robomend.planning.decomposition import Part
 from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer
 from robomend.planning.planners.relaxed import plan_cost, reaches, without_redundant
-from robomend.planning.planners.strips import answer, up_problem
-from robomend.planning.planners.unified import oneshot_planner
+from robomend.planning.planners.strips import answer, oneshot_planner, up_problem
 
 MAX_RETRIES = 12
 """Calls to improve one part's plan."""
