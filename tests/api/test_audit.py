@@ -347,11 +347,6 @@ def as_described(entry: dict[str, Any]) -> None:
     described(kind, entry)
 
 
-def test_each_entry_is_as_described(walk: Walk) -> None:
-    for entry in walk.log():
-        as_described(entry)
-
-
 def test_each_state_has_its_entry_described() -> None:
     actions = [
         action

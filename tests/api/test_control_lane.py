@@ -6,7 +6,6 @@ import asyncio
 import http.client
 import json
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -20,7 +19,6 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import control_lane, store_probe
-from robomend.api.control_lane import HURRY_S, ControlLane
 from robomend.api.routers import operation
 from robomend.errors import StoreFull
 from robomend.store import Transaction
@@ -62,25 +60,6 @@ def hanging_writes(service: Service) -> Iterator[None]:
     finally:
         release.set()
         until(writing.done, "the write did not end")
-
-
-def test_the_interpreters_lock_is_handed_over_soon_only_until_it_is_known_whose_a_connection_is(
-    service: Service, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    usual = 0.005  # Python's own
-    seen: list[float] = []
-    look = ControlLane._look
-    until(lambda: sys.getswitchinterval() == pytest.approx(usual), "it is handed over soon already")
-
-    def looked(lane: ControlLane, connection: socket.socket, timeout_s: float | None = None) -> None:
-        seen.append(sys.getswitchinterval())
-        look(lane, connection, timeout_s)
-
-    monkeypatch.setattr(ControlLane, "_look", looked)
-    assert fresh(service, "GET", "/api/v1").status_code == 200  # not the lane's own
-    assert pytest.approx(HURRY_S) in seen  # one that comes back from the service is looked at as usual
-    assert fresh(service, "GET", "/healthz").status_code == 200
-    until(lambda: sys.getswitchinterval() == pytest.approx(usual), "it is handed over soon for ever")
 
 
 def test_a_service_that_cannot_write_is_not_ready_while_its_loop_is_held_either(
@@ -185,23 +164,6 @@ def test_a_stop_is_in_force_though_its_client_sends_no_more(start: StartService,
                 assert answer.startswith(b"HTTP/1.1 20" if sent == body else b"")
         assert sent == body or not service.runtime.repairs.switch.active
     until(lambda: service.runtime.repairs.switch.active, "it is not in force", 60)
-
-
-def test_what_follows_an_answer_at_once_is_answered_too(service: Service) -> None:
-    line = b"GET /version-info HTTP/1.1\r\nHost: localhost\r\n"
-    address = ("127.0.0.1", int(service.url.rsplit(":", 1)[1]))
-    with socket.create_connection(address, timeout=20) as connection:
-        for _ in range(20):
-            connection.sendall(line + b"\r\n")
-            found = b""
-            while not found.endswith(b"}"):
-                found += connection.recv(65536)
-            assert found.startswith(b"HTTP/1.1 200")
-        connection.sendall((line + b"\r\n") * 5 + line + b"Connection: close\r\n\r\n")
-        found = b""
-        while data := connection.recv(65536):
-            found += data
-    assert found.count(b"HTTP/1.1 200") == 6
 
 
 def test_a_frozen_loop_is_neither_healthy_nor_ready(

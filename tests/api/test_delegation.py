@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import Service, StartService, sign_in
-from tests.waiting import until
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -29,12 +28,6 @@ def test_plans_and_repairs(service: Service) -> None:
         assert calls[-1] == (decision, "r-1", "local", "so")
     assert service.api("POST", "/repairs/r-1", json={"decision": "maybe"}).status_code == 422
     assert service.api("POST", "/repairs/none", json={"decision": "cancel"}).status_code == 404
-
-
-def test_a_conflict_of_the_loop_is_a_409(service: Service) -> None:
-    service.with_robot("busy")
-    answer = service.api("POST", "/robots/busy/repairs", json={})
-    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
 
 
 def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
@@ -77,17 +70,3 @@ def test_no_get_takes_an_action_unless_a_key_is_in_its_header(start: StartServic
     taken = service.api("GET", "/robots/r1/actions/next", headers={"Authorization": f"Bearer {key}"})
     assert taken.json() == action
     assert taken.headers["deprecation"] == "true"
-
-
-def test_a_persons_brakes(service: Service) -> None:
-    calls: list[Any] = service.repairs.calls
-    stopped = service.api("POST", "/stop", json={"reason": "fire"}).json()
-    assert (stopped["active"], stopped["by"], stopped["reason"]) == (True, "local", "fire")
-    assert service.api("GET", "/stop").json()["reason"] == "fire"
-    service.api("DELETE", "/stop", params={"reason": "it is out"})
-    until(lambda: not service.api("GET", "/stop").json()["active"], "the stop was not lifted")
-    assert service.api("GET", "/robots/r1/quarantine").json() == {"jaguar": "three attempts did not help"}
-    freed = service.api("POST", "/robots/r1/quarantine/jaguar/release", json={"reason": "mended"})
-    assert freed.status_code == 204
-    assert calls[-1] == ("release", "r1", "jaguar", "local", "mended")
-    assert service.api("POST", "/robots/r1/quarantine/rviz/release", json={}).status_code == 404

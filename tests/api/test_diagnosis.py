@@ -7,7 +7,6 @@ import pickle
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -36,19 +35,6 @@ def published(service: Service, robot: str) -> list[dict[str, Any]]:
     """Return the diagnoses that were published, oldest first."""
     found = service.api("GET", f"/robots/{robot}/history", params={"kind": "diagnosis", "limit": 1000}).json()
     return [line["data"] for line in reversed(found["items"])]
-
-
-def test_a_diagnosis_explains_the_observations(service: Service) -> None:
-    service.with_robot("plain")
-    service.observe("not ok(map)", "ok(scan)", robot="plain")
-    found = service.diagnosis("plain", wait_s=60, after=0)
-    assert bad_sets(found) == [{"hector_mapping"}]
-    result = found["result"]
-    assert result["complete"]
-    assert result["conflicts"][0]["components"] == ["hector_mapping"]
-    assert set(result["diagnoses"][0]["good"]) | {"hector_mapping"} == set(
-        service.api("GET", "/models/tedusar").json()["components"]
-    )
 
 
 def test_a_long_poll_ends_with_the_news_or_with_what_there_is(service: Service) -> None:
@@ -269,36 +255,6 @@ async def test_a_large_model_never_runs_on_the_event_loop(tmp_path: Path) -> Non
         assert workers.asked == attempt
     small.close()
     large.close()
-
-
-@pytest.mark.anyio
-@pytest.mark.parametrize(
-    ("each_ms", "asked"),
-    [
-        ([9.0, 9.0, 9.0, 1.0], 1),  # after three strikes it is out
-        ([9.0, 1.0] * 5, 1),
-        ([9.0, *[1.0] * 1000] * 6, 0),  # seldom slow: a pause that was the collector's
-    ],
-)
-async def test_a_model_leaves_the_event_loop_that_is_slow_too_often(
-    each_ms: list[float], asked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    workers, used, left_ms = SlowWorkers(), [0.0], iter(each_ms)
-    system = load_text(TEDUSAR)
-    tried = Diagnoser(Settings(data=tmp_path), Metrics(), workers)
-    answer = await tried.diagnose("v1", system, [], "sat", Options())
-
-    def at_once(*_: object) -> DiagnosisResult:
-        used[0] += next(left_ms) / 1e3
-        return answer.result_or_fault()
-
-    monkeypatch.setattr("robomend.robots.diagnoser.ask_engine", at_once)
-    monkeypatch.setattr("robomend.robots.diagnoser.time", SimpleNamespace(thread_time=lambda: used[0]))
-    for number in range(len(each_ms)):
-        await tried.diagnose("v1", system, [fails("ok", f"t{number}")], "sat", Options())
-    assert workers.asked >= asked
-    assert bool(workers.asked) == bool(asked)
-    tried.close()
 
 
 def test_a_slow_model_is_slow_alone(start: StartService) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import socket
 import threading
@@ -10,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
-from typing import Any, cast
+from typing import Any
 
 import httpx
 import pytest
@@ -18,8 +17,7 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import ingestion, streams
-from robomend.metrics import Metrics
-from robomend.store import Store, Transaction, api_keys
+from robomend.store import Transaction, api_keys
 
 
 @contextmanager
@@ -102,41 +100,6 @@ def test_a_brief_stream_pings_with_an_event(start: StartService) -> None:
         assert next(events)["event"] == "ping"
 
 
-def test_what_a_page_is_told_of_much_comes_in_few_writes_and_whole() -> None:
-    hub = streams.Hub(
-        cast(Store, None), Metrics(), most=9, ping_s=60.0
-    )  # a stream that is live reads nothing
-    frames = [(number, b"%d;" % number) for number in range(1, 401)]
-
-    async def followed(brief: bool) -> tuple[list[bytes], float]:
-        stream = hub.open(None, None, brief=brief)
-        written: list[bytes] = []
-        began = time.monotonic()
-
-        async def write() -> None:
-            async for chunk in stream.frames():
-                written.append(chunk)
-                if chunk.endswith(frames[-1][1]):
-                    return
-
-        writing = asyncio.create_task(write())
-        for frame in frames:
-            stream.offer([frame])
-            while not brief and frame[1] not in written[-1:]:  # each is written before the next one comes
-                await asyncio.sleep(0)
-            await asyncio.sleep(0)
-        await writing
-        hub.forget(stream)
-        return written[1:], time.monotonic() - began
-
-    whole = b"".join(frame for _, frame in frames)
-    page, took_s = asyncio.run(followed(True))
-    program, _ = asyncio.run(followed(False))
-    assert b"".join(page) == b"".join(program) == whole
-    assert len(program) == len(frames)
-    assert len(page) <= streams.BRIEF_AT_ONCE + 2 + took_s / streams.BRIEF_APART_S
-
-
 def test_what_is_sent_live_is_what_the_log_has(start: StartService) -> None:
     service = start()
     service.with_robot()
@@ -191,16 +154,6 @@ def test_a_stream_is_kept_alive_after_its_events(start: StartService) -> None:
             pass
         while next(lines) != ": ping":
             pass
-
-
-def test_a_robots_stream_is_about_that_robot(start: StartService) -> None:
-    service = start()
-    service.with_robot("r1")
-    service.with_robot("r2")
-    with following(service, "/robots/r2/events") as events:
-        service.observe("not ok(scan)", robot="r1")
-        service.observe("not ok(map)", robot="r2")
-        assert take(events, "observations", 1)[0]["data"]["robot"] == "r2"
 
 
 def test_whoever_comes_back_misses_nothing_and_gets_nothing_twice(start: StartService) -> None:
@@ -296,13 +249,6 @@ def test_too_many_streams_are_refused_and_room_comes_back(start: StartService) -
         time.sleep(0.01)
     with following(service):
         pass
-
-
-def test_an_idle_stream_is_kept_alive(start: StartService) -> None:
-    service = start(ping_s=0.05)
-    with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=10) as answer:
-        lines = answer.iter_lines()
-        assert [line for line in (next(lines) for _ in range(9)) if line == ": ping"]
 
 
 def test_a_stream_ends_when_its_key_is_revoked(start: StartService) -> None:

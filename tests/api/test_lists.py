@@ -103,6 +103,12 @@ def test_the_link_keeps_what_was_asked_for_and_ends_with_the_list(service: Servi
         ("application/x-ndjson;q=0.6, application/json;q=0.5", "application/x-ndjson"),
         ("application/x-ndjson, */*;q=0.1", "application/x-ndjson"),
         ("application/x-ndjson;q=0", "application/json"),
+        ("Application/X-NDJSON ; Q=0.7 , */*;q=0.1", "application/x-ndjson"),
+        ("application/x-ndjson;q=0, */*", "application/json"),
+        ("*/*;q=0.9, application/json;q=0.3", "application/x-ndjson"),
+        ("application/*;q=0.5", "application/json"),
+        ("application/json;q=2, application/x-ndjson;q=much", "application/json"),
+        (", ;, application/x-ndjson;q=1.000", "application/x-ndjson"),
     ],
 )
 def test_json_comes_unless_ndjson_is_wanted_more(

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
-import threading
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
-from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from tests.api.conftest import StartService
 
@@ -67,28 +63,6 @@ def test_the_table_of_metrics_is_what_the_service_says(start: StartService) -> N
     }
 
 
-def test_figures_are_read_on_the_event_loop_and_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    read_by: list[threading.Thread] = []
-    written_by: list[threading.Thread] = []
-
-    def reading() -> list[tuple[tuple[str, ...], float]]:
-        read_by.append(threading.current_thread())
-        return [((), 7.0)]
-
-    def written(figures: Any) -> bytes:
-        written_by.append(threading.current_thread())
-        return generate_latest(figures)
-
-    monkeypatch.setattr("robomend.metrics.generate_latest", written)
-    metrics = Metrics()
-    metrics.on_demand("robomend_read", "what", (), reading)
-    read_by.clear()  # it is read when it is registered, too
-    assert b"robomend_read 7.0" in asyncio.run(metrics.text())
-    assert read_by == [threading.current_thread()]
-    [thread] = written_by
-    assert thread is not threading.current_thread()
-
-
 def test_the_table_has_the_labels_of_the_instruments() -> None:
     instruments = {
         family.name + "_total" * (family.type == "counter"): set(instrument._labelnames)
@@ -114,18 +88,6 @@ def test_dashboard_and_alerts_ask_for_metrics_labels_and_states_that_exist() -> 
         labels = {label.strip() for group in grouped for label in group.split(",")}
         names = [re.sub("_bucket$", "", name) for name, _ in SELECTED.findall(expression)]
         assert labels <= {"le", "job", "instance"}.union(*(known[name][1] for name in names)), expression
-
-
-def test_the_panels_of_the_dashboard_do_not_overlap() -> None:
-    panels = dashboard()["panels"]
-    assert len({panel["id"] for panel in panels}) == len(panels)
-    taken: set[tuple[int, int]] = set()
-    for panel in panels:
-        at = panel["gridPos"]
-        cells = {(x, y) for x in range(at["x"], at["x"] + at["w"]) for y in range(at["y"], at["y"] + at["h"])}
-        assert not cells & taken, panel["title"]
-        assert max(x for x, _ in cells) < 24, panel["title"]
-        taken |= cells
 
 
 def test_the_first_escalation_is_an_increase(start: StartService) -> None:

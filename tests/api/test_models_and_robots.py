@@ -105,23 +105,6 @@ def test_a_model_in_use_is_not_deleted(start: StartService) -> None:
     assert service.api("GET", "/robots/r1/diagnosis").status_code == 404
 
 
-def test_lists_come_in_pages(start: StartService) -> None:
-    service = start()
-    for number in range(5):
-        service.with_robot(f"r{number}")
-    found: list[str] = []
-    cursor: str | None = None
-    while True:
-        query = {"limit": 2} | ({"cursor": cursor} if cursor else {})
-        page = service.api("GET", "/robots", params=query).json()
-        assert len(page["items"]) <= 2
-        found += [robot["id"] for robot in page["items"]]
-        cursor = page["next"]
-        if cursor is None:
-            break
-    assert found == [f"r{number}" for number in range(5)]
-
-
 def test_a_robot_is_checked_against_its_model(service: Service) -> None:
     service.with_robot("known")
     for wrong, words in (

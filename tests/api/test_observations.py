@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -11,8 +10,6 @@ from typing import Any
 import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
-
-from robomend.api.ingestion import batch_of
 
 NDJSON = {"Content-Type": "application/x-ndjson"}
 UNDECLARED = b'{"observations": ["ok(nothing)"]}\n'
@@ -119,30 +116,6 @@ def test_a_repeat_with_the_same_key_has_the_first_effect_and_answer(service: Ser
     assert literals(service, "once") == {"ok(scan)"}
     other = service.api("POST", "/robots/once/observations", json={"observations": ["ok(map)"]}, headers=head)
     assert (other.status_code, other.json()["code"]) == (409, "idempotency-key-reused")
-
-
-def test_between_reading_a_group_of_lines_and_taking_it_in_others_get_their_turn(
-    service: Service, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each of the two counts how long it holds the event loop: without a rest in between it is both."""
-    waiting: list[str] = []
-    observe = service.runtime.robots.observe
-
-    def read(value: Any) -> Any:
-        waiting.append("somebody")
-        asyncio.get_running_loop().call_soon(waiting.clear)
-        return batch_of(value)
-
-    def taken_in(*given: Any, **more: Any) -> Any:
-        assert not waiting
-        return observe(*given, **more)
-
-    monkeypatch.setattr("robomend.api.ingestion.batch_of", read)
-    monkeypatch.setattr(service.runtime.robots, "observe", taken_in)
-    service.with_robot("turns")
-    lines = b'{"observations": ["ok(scan)"]}\n{"observations": ["not ok(scan)"]}\n'
-    answer = service.api("POST", "/robots/turns/observations", content=lines, headers=NDJSON)
-    assert answer.json() == {"revision": 1, "lines": 2, "accepted": 2}
 
 
 def test_ndjson_is_taken_in_as_it_streams(service: Service) -> None:

@@ -267,3 +267,35 @@ def test_whoever_sends_what_is_no_request_fills_no_log(tmp_path: Path) -> None:
     assert said.count("Invalid HTTP request") <= 10 * (len(seconds) + 1)
     assert said.count("Unsupported upgrade") <= 10 * (len(seconds) + 1)
     assert "more were left out" in said
+
+
+def test_the_watchdog_hears_of_a_service_that_turns(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
+        line.bind(str(tmp_path / "s"))
+        line.settimeout(60)
+        environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "s"), "WATCHDOG_USEC": "400000"}
+        with served(tmp_path, start=partial(popen, env=environment)) as (process, url):
+            assert line.recv(100) == b"READY=1"
+            assert [line.recv(100) for _ in range(3)] == [b"WATCHDOG=1"] * 3
+            assert httpx.get(f"{url}/healthz", timeout=60).status_code == 200
+            _halt(process.pid)
+            line.setblocking(False)
+            _drain(line)
+            with pytest.raises(BlockingIOError):  # whoever stands still says nothing more
+                line.recv(100)
+
+
+def _halt(pid: int) -> None:
+    """Stop a process, and return when it stands still."""
+    os.kill(pid, signal.SIGSTOP)
+    state = Path(f"/proc/{pid}/stat")
+    until(lambda: state.read_text().rpartition(")")[2].split()[0] == "T", "it runs on")
+
+
+def _drain(line: socket.socket) -> None:
+    """Read what was said before."""
+    try:
+        while line.recv(100):
+            pass
+    except BlockingIOError:
+        pass

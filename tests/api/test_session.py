@@ -170,19 +170,6 @@ def test_a_stream_ends_with_its_cookie(start: StartService) -> None:
         assert b"".join(answer.iter_bytes()).startswith(b"retry:")  # it ends by itself
 
 
-def test_a_stream_ends_with_its_key(start: StartService) -> None:
-    service = start(ping_s=0.1)
-    head = {"Authorization": f"Bearer {service.key('viewer')}"}
-    with service.http.stream("GET", "/api/v1/events", headers=head) as answer:
-        assert answer.status_code == 200
-
-        def revoke(tx: Transaction) -> None:
-            api_keys.revoke(tx, api_keys.every(tx)[0].id)
-
-        service.run(service.runtime.store.write(revoke))
-        assert b"".join(answer.iter_bytes()).startswith(b"retry:")
-
-
 def test_signing_in_needs_a_key_and_not_too_often(start: StartService) -> None:
     service = start(sign_ins_per_minute=0.01)
     service.key("viewer")

@@ -71,24 +71,6 @@ def test_an_answer_that_ran_out_of_time_is_not_kept() -> None:
         assert model.ask_line("not ok(r)") is not first
 
 
-def test_a_long_text_is_made_again_and_a_short_one_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    with WarmModel(ROBOT) as model:
-        made: list[DiagnosisResult] = []
-
-        def noted(result: DiagnosisResult, quoted: dict[str, str]) -> str:
-            made.append(result)
-            return result_text(result, quoted)
-
-        monkeypatch.setattr(warm_model, "result_text", noted)
-        short = model.ask_line("not ok(scan)")
-        assert short.text(1.0) == short.text(1.0)
-        assert len(made) == 1
-        monkeypatch.setattr(warm_model, "KEPT_TEXT", 10)
-        long = model.ask_line("not ok(map)")
-        assert long.text(1.0) == long.text(1.0)
-        assert len(made) == 3
-
-
 def test_an_answer_tells_its_own_time_but_no_more_than_the_diagnosis_took() -> None:
     with WarmModel(ROBOT) as model:
         explained = model.ask_line("not ok(scan)")

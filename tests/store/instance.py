@@ -11,9 +11,12 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 from tests.store.examples import entry, with_robots
 
@@ -95,6 +98,28 @@ async def act(store: Store) -> None:
         await asyncio.sleep(0.005)
     say("fenced")
     await asyncio.sleep(600)  # until it is killed
+
+
+@contextmanager
+def instance(url: str, job: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that does the job; killed at the end at the latest."""
+    command = [sys.executable, "-m", "tests.store.instance", url, job]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(10)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def next_line(process: subprocess.Popen[bytes]) -> str:
+    """Return the next line that it says."""
+    assert process.stdout is not None
+    line = process.stdout.readline().decode().strip()
+    assert line, "the process ended early"
+    return line
 
 
 async def main(url: str, job: str) -> None:

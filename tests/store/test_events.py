@@ -135,33 +135,6 @@ async def test_an_own_commit_that_overtakes_a_read_of_the_log_comes_once() -> No
     await tail.close()
 
 
-async def test_the_sign_of_an_own_commit_that_is_not_told_yet_has_nobody_read() -> None:
-    log = [Event(n, n, Kind.ROBOT, "r", {}) for n in range(1, 7)]
-    reads: list[int] = []
-    committing = True
-
-    async def read(after: int) -> tuple[Event, ...]:
-        reads.append(after)
-        return tuple(event for event in log if event.id > after)
-
-    tail = Tail(read, lambda: committing)
-    tail.start(0)
-    heard: list[int] = []
-    tail.listen(lambda events: heard.extend(event.id for event in events))
-    tail.sign(2)
-    await asyncio.sleep(0)
-    tail.committed(tuple(log[:2]))
-    await asyncio.sleep(0)
-    assert (heard, reads) == ([1, 2], [])
-    tail.sign(4)  # of another instance, while a commit of ours is under way that does not come off
-    tail.committed(())
-    async with asyncio.timeout(60):
-        while tail.last < 6:
-            await asyncio.sleep(0)
-    assert (heard, reads) == ([1, 2, 3, 4, 5, 6], [2])
-    await tail.close()
-
-
 async def test_who_listens_for_kinds_is_called_where_one_of_them_is(store: Store) -> None:
     heard: dict[str, list[int]] = {"robots": [], "repairs": [], "all": []}
     ends = [

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
-from collections import Counter
 from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sqlalchemy import select
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.entry import Entry
 from robomend.observations.obs import Obs, consequences
-from robomend.store import Store, Transaction, View, events, folding, observations, robots, schema
+from robomend.store import Store, Transaction, events, folding, observations, robots
 from robomend.store.encoding import Encoded, atom_to_text
 from robomend_client.events import Event
 from robomend_client.literals import Atom, Literal
@@ -131,51 +128,6 @@ async def test_the_log_tells_what_was_told(store: Store, often: None, steps: lis
     assert await store.read(events.after, before, robot=robot) == log
 
 
-async def rows_of(store: Store, robot: str) -> tuple[int, int, list[str]]:
-    """Return the revision of the robot's row, the one up to which the rows of OBS have all, their atoms."""
-
-    def look(view: View) -> tuple[int, int, list[str]]:
-        states, obs = schema.robot_state, schema.obs
-        state = view.one(select(states).where(states.c.robot == robot), "state")
-        held = view.rows(select(obs.c.atom).where(obs.c.robot == robot).order_by(obs.c.atom))
-        return state.revision, state.folded, [row.atom for row in held]
-
-    return await store.read(look)
-
-
-async def test_few_batches_write_the_rows_of_obs(store: Store, url: str) -> None:
-    await with_robots(store, "r1")
-    written = list[int]()
-    for number in range(3 * folding.EVERY):
-        revision = await observe(store, "r1", entry("scan", number % 2 == 0))
-        at, folded, atoms = await rows_of(store, "r1")
-        assert at == folded or (at == revision and url.startswith("postgresql"))
-        assert folded <= revision < folded + folding.EVERY
-        assert atoms == ([] if folded == 0 else ['["ok","scan"]'])
-        written += [folded] if folded and folded not in written else []
-    assert len(written) == 3
-
-
-async def test_a_large_batch_is_in_the_rows_at_once_and_older_ones_leave_it(store: Store) -> None:
-    await with_robots(store, "r1")
-    await observe(store, "r1", entry("t1", False), entry("lone"))
-    many = [entry(f"t{number}", time_ns=2) for number in range(folding.LARGE)]
-    await observe(store, "r1", *many)
-    _, folded, atoms = await rows_of(store, "r1")
-    assert (folded, len(atoms)) == (0, folding.LARGE)
-    await observe(store, "r1", entry("t2", False, time_ns=3))
-    obs = {one.atom.args[0]: one.positive for one in (await store.read(observations.obs, "r1")).entries}
-    assert obs == {"lone": True} | {f"t{n}": n != 2 for n in range(folding.LARGE)}
-
-
-async def test_robots_that_began_together_do_not_write_together() -> None:
-    due = Counter(
-        next(revision for revision in range(1, folding.EVERY + 1) if folding.due(f"r{robot}", revision))
-        for robot in range(64 * folding.EVERY)
-    )
-    assert max(due.values()) < 2 * 64
-
-
 async def test_what_was_known_of_a_robot_that_is_made_again_is_gone(store: Store) -> None:
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"), entry("odom"))
@@ -204,16 +156,3 @@ async def test_a_robot_that_is_deleted_and_made_again_in_one_group_keeps_what_ca
     await store.write(lambda tx: tx.bring_up("r1"))
     obs = await store.read(observations.obs, "r1")
     assert (obs.revision, [one.atom.args for one in obs.entries]) == (3, [("map",)])
-
-
-async def test_the_rows_are_brought_up_by_whichever_instance_it_falls_to(
-    store: Store, second: Store, often: None
-) -> None:
-    await with_robots(store, "r1")
-    for number in range(12):
-        await observe((store, second)[number % 2], "r1", entry(f"t{number % 5}", number % 3 == 0))
-    both = await asyncio.gather(*(each.read(observations.obs, "r1") for each in (store, second)))
-    assert both[0] == both[1]
-    assert {one.atom.args[0]: one.positive for one in both[0].entries} == {
-        f"t{number % 5}": number % 3 == 0 for number in range(12)
-    }

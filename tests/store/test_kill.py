@@ -8,8 +8,7 @@ import sqlite3
 import threading
 
 import pytest
-from tests.store.instance import ROBOTS, WRITERS
-from tests.store.processes import instance, next_line
+from tests.store.instance import ROBOTS, WRITERS, instance, next_line
 
 from robomend.store import Store, View, events, observations
 from robomend.store.records import Paging, StoredBatch

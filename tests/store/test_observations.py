@@ -10,27 +10,13 @@ import pytest
 from sqlalchemy import select
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import InputError, NotFound, RobomendError, StateConflict
+from robomend.errors import InputError, NotFound, StateConflict
 from robomend.store import Store, Transaction, View, audit, diagnoses, events, observations, robots, schema
 from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
 from robomend_client.events import Kind
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
-
-
-async def test_obs_holds_the_latest_of_each_atom(store: Store) -> None:
-    await with_robots(store, "r1", "r2")
-    assert (await store.read(observations.obs, "r1")).revision == 0
-    assert await observe(store, "r1", entry("scan"), entry("odom", False, time_ns=2)) == 1
-    assert await observe(store, "r1", entry("scan", False, time_ns=3, source="board", expires_ns=9)) == 2
-    obs = await store.read(observations.obs, "r1")
-    assert obs.revision == 2
-    assert obs.entries == (
-        entry("odom", False, time_ns=2),
-        entry("scan", False, time_ns=3, source="board", expires_ns=9),
-    )
-    assert (await store.read(observations.obs, "r2")).entries == ()
 
 
 async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
@@ -42,29 +28,6 @@ async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
     assert {e.atom for e in obs.entries} == set(odd)
     history = await store.read(observations.history, "r1")
     assert history.items[0].entries == tuple(entries)
-
-
-async def test_what_is_forgotten_is_no_literal(store: Store) -> None:
-    await with_robots(store, "r1")
-    await observe(store, "r1", entry("scan"), entry("odom"))
-    await store.write(
-        lambda tx: observations.observe(tx, "r1", forgotten=[Atom("ok", ("scan",))]), robots=("r1",)
-    )
-    obs = await store.read(observations.obs, "r1")
-    assert [e.atom.args for e in obs.entries] == [("odom",)]
-
-
-async def test_named_assertions_stay_until_they_are_withdrawn(store: Store) -> None:
-    await with_robots(store, "r1")
-    night = StoredAssertion("night", "forall t: topic. not ok(t)", "ada", 5)
-    await store.write(lambda tx: observations.observe(tx, "r1", asserted=[night]))
-    assert (await store.read(observations.obs, "r1")).assertions == (night,)
-    with pytest.raises(NotFound):
-        await store.write(lambda tx: observations.observe(tx, "r1", withdrawn=["day"]))
-    assert await store.write(lambda tx: observations.observe(tx, "r1", withdrawn=["night"])) == 2
-    assert (await store.read(observations.obs, "r1")).assertions == ()
-    page = await store.read(observations.history, "r1")
-    assert [(a.asserted, a.withdrawn) for a in page.items] == [((), ("night",)), ((night,), ())]
 
 
 async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_jumps_back(
@@ -80,21 +43,6 @@ async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_j
     assert [(b.revision, b.time_ns) for b in batches] == [(3, 2_000), (2, 1_000), (1, 3_000)]
     log = await store.read(events.after, 0)
     assert [event.time_ns for event in log] == [3_000, 1_000, 2_000]
-
-
-async def test_a_change_of_an_older_obs_is_refused(store: Store) -> None:
-    await with_robots(store, "r1")
-    await observe(store, "r1", entry("scan"), expected=0)
-    with pytest.raises(StateConflict) as refused:
-        await observe(store, "r1", entry("scan", False), expected=0)
-    assert refused.value.code == "stale-revision"
-    assert await observe(store, "r1", entry("scan", False), expected=1) == 2
-
-
-async def test_nothing_is_accepted_for_a_robot_that_is_not_there(store: Store) -> None:
-    with pytest.raises(NotFound):
-        await observe(store, "nobody", entry("scan"))
-    assert await store.read(events.after, 0) == ()
 
 
 async def test_concurrent_batches_get_each_their_revision(store: Store) -> None:
@@ -218,25 +166,6 @@ async def test_an_answer_that_is_no_json_is_refused_whole(store: Store) -> None:
     assert await store.read(observations.revision, "r1") == 0
 
 
-async def test_diagnoses_are_kept_with_the_revision_they_explain(store: Store) -> None:
-    await with_robots(store, "r1")
-    assert await store.read(diagnoses.latest, "r1") is None
-
-    async def diagnose(revision: int, *bad: str) -> None:
-        result = {"diagnoses": [{"bad": list(bad)}]}
-        await store.write(lambda tx: diagnoses.record(tx, "r1", revision, result))
-
-    await diagnose(1, "jaguar")
-    await diagnose(4)
-    await diagnose(5, "jaguar", "imu")
-    latest = await store.read(diagnoses.latest, "r1")
-    assert latest is not None
-    assert (latest.revision, latest.result) == (5, {"diagnoses": [{"bad": ["jaguar", "imu"]}]})
-    page = await store.read(diagnoses.page, "r1", Paging(limit=2))
-    rest = await store.read(diagnoses.page, "r1", Paging(page.next, 2))
-    assert [d.revision for d in (*page.items, *rest.items)] == [5, 4, 1]
-
-
 async def test_a_change_sees_its_own_writes_and_those_before_it_in_the_group(store: Store) -> None:
     await with_robots(store, "r1")
 
@@ -267,11 +196,3 @@ async def test_a_cancelled_caller_takes_nothing_back(store: Store) -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     assert await observe(store, "r1", entry("odom")) == 2
-
-
-async def test_errors_of_the_store_are_ours() -> None:
-    from robomend.store import Store
-
-    for url in ("mysql://x/y", "sqlite://", "nonsense", "sqlite:///:memory:"):
-        with pytest.raises(RobomendError):
-            Store(url)

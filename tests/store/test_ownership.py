@@ -13,7 +13,7 @@ import psycopg
 import pytest
 from tests.postgres import PostgresServer
 from tests.store.examples import owner, with_robots
-from tests.store.processes import instance, next_line
+from tests.store.instance import instance, next_line
 from tests.waiting import eventually
 
 from robomend.errors import Fenced, NotFound

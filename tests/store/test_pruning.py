@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 from tests.store.examples import entry, intents, observe, with_robots
 
-from robomend.store import Store, Transaction, diagnoses, events, journal, observations, pruning, repairs
-from robomend.store.pruning import Keys, Pace, prune
+from robomend.store import Store, Transaction, diagnoses, events, journal, observations, repairs
+from robomend.store.pruning import prune
 from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Paging, Pruned, Retention
 from robomend_client.events import Kind
 
@@ -158,15 +158,6 @@ async def test_what_was_the_latest_diagnosis_goes_once_it_is_not(
     assert await pruned(2.5) == [3]
 
 
-async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    at(monkeypatch, 10_000)
-    await with_robots(store, "r1")
-    await observe(store, "r1", entry("scan"))
-    at(monkeypatch, 0)
-    forever = Retention(None, None, None, None, None, None, None)
-    assert await prune(store, forever) == Pruned()
-
-
 async def test_expired_idempotency_keys_go(store: Store) -> None:
     for number in range(5):
         await store.write(lambda tx: 1, once=IdempotencyKey("ada", f"k{number}", "x", ttl_s=0))
@@ -184,22 +175,3 @@ async def test_others_write_between_the_slices(store: Store, monkeypatch: pytest
     assert not pruning.done()
     assert revisions == [61, 62, 63]
     assert (await pruning).observations == 60
-
-
-async def test_a_step_that_took_too_long_is_followed_by_smaller_ones(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pace, sizes = Pace(), list[int]()
-    clock = 0.0
-    monkeypatch.setattr("time.perf_counter", lambda: clock)
-
-    def slow(tx: Transaction, keys: Keys) -> None:
-        nonlocal clock
-        sizes.append(len(keys))
-        clock += 0.001 * len(keys)  # a millisecond each
-
-    assert await pace.remove(store, range(200), slow) == 200
-    most = round(1000 * pruning.STEP_S)
-    assert sizes[0] == pruning.FIRST
-    assert all(size <= most for size in sizes[1:])
-    assert sum(sizes) == 200

@@ -17,20 +17,14 @@ from robomend.store import (
     agent_actions,
     api_keys,
     attempts,
-    audit,
-    global_stop,
     journal,
     repairs,
-    robots,
 )
 from robomend.store.records import (
     AgentAction,
-    AuditEntry,
     Fence,
     Intent,
-    Paging,
     Quarantine,
-    Stop,
     StoredAttempt,
     StoredRepair,
 )
@@ -65,30 +59,6 @@ async def intend(store: Store, repair: StoredRepair, step: int, fence: Fence) ->
         ),
         robots=(fence.robot,),
     )
-
-
-async def test_a_repair_is_found_again_while_it_is_open(store: Store) -> None:
-    fence = await own(store)
-    repair = await begin(store, fence)
-    assert await store.read(repairs.get, repair.id) == repair
-    assert (await store.read(repairs.page, open_only=True)).items == (repair,)
-    ended = await store.write(
-        lambda tx: repairs.update(tx, repair.id, state="repaired", data={}, open=False, fence=fence)
-    )
-    assert (ended.state, ended.open, ended.created_ns) == ("repaired", False, repair.created_ns)
-    assert (await store.read(repairs.page, "r1", open_only=True)).items == ()
-    assert (await store.read(repairs.page, "r1")).items == (ended,)
-
-
-async def test_repairs_are_listed_newest_first_from_a_repair_on(store: Store) -> None:
-    fence = await own(store)
-    ids = [(await begin(store, fence)).id for _ in range(4)]
-    page = await store.read(repairs.page, "r1", Paging(ids[3], 2))
-    assert [repair.id for repair in page.items] == [ids[2], ids[1]]
-    rest = await store.read(repairs.page, "r1", Paging(page.next, 2))
-    assert [repair.id for repair in rest.items] == [ids[0]]
-    with pytest.raises(NotFound):
-        await store.read(repairs.page, "r1", Paging("r-none"))
 
 
 async def test_every_write_about_a_repair_is_refused_with_an_old_fence(store: Store) -> None:
@@ -138,48 +108,6 @@ async def test_the_journal_tells_what_a_crash_left_open(store: Store) -> None:
     assert again == settled
     with pytest.raises(StateConflict):
         await intend(store, repair, 0, fence)
-
-
-async def test_steps_are_replaced_as_they_come_along(store: Store) -> None:
-    fence = await own(store)
-    repair = await begin(store, fence)
-
-    async def put(step: int, state: str) -> None:
-        data = {"by": state}
-        await store.write(
-            lambda tx: repairs.put_step(tx, repair.id, step, state=state, data=data, fence=fence)
-        )
-
-    await put(1, "running")
-    await put(0, "done")
-    await put(1, "done")
-    steps = await store.read(repairs.steps, repair.id)
-    assert [(step.step, step.state, step.data) for step in steps] == [
-        (0, "done", {"by": "done"}),
-        (1, "done", {"by": "done"}),
-    ]
-
-
-async def test_requests_wait_for_the_owner_and_are_refused_when_it_is_over(store: Store) -> None:
-    fence = await own(store)
-    repair = await begin(store, fence)
-    request = await store.write(
-        lambda tx: repairs.ask(tx, repair.id, "approve", by="ada", reason="looks right")
-    )
-    assert await store.read(repairs.requests, "r1") == (request,)
-    await store.write(lambda tx: repairs.answer(tx, request.number, fence=fence))
-    assert await store.read(repairs.requests, "r1") == ()
-    await store.write(
-        lambda tx: repairs.update(tx, repair.id, state="repaired", data={}, open=False, fence=fence)
-    )
-    with pytest.raises(StateConflict):
-        await store.write(lambda tx: repairs.ask(tx, repair.id, "cancel", by="ada", reason=""))
-
-
-async def test_a_robot_with_an_open_repair_is_not_deleted(store: Store) -> None:
-    repair = await begin(store, await own(store))
-    with pytest.raises(StateConflict, match=repair.id):
-        await store.write(lambda tx: robots.delete(tx, "r1"))
 
 
 def remember(attempt: StoredAttempt, fence: Fence, tx: Transaction) -> None:
@@ -343,37 +271,6 @@ async def test_a_key_has_a_name_of_its_own_while_it_is_in_use_and_is_revoked_for
     assert await store.read(api_keys.every) == (revoked, again)
     with pytest.raises(NotFound):
         await store.write(lambda tx: api_keys.revoke(tx, "k-none"))
-
-
-def note(entry: AuditEntry, tx: Transaction) -> None:
-    tx.note(entry)
-
-
-async def test_the_audit_log_tells_who_what_why_before_and_after(store: Store) -> None:
-    entries = [
-        AuditEntry("ada", "robot.put", "r1", "r1", "new wheels", {"policy": "approve"}, {"policy": "auto"}),
-        AuditEntry("robomend", "action.sent", "r-1:0", "r1"),
-        AuditEntry("bob", "key.revoke", "k-1"),
-    ]
-    for entry in entries:
-        await store.write(partial(note, entry))
-    page = await store.read(audit.page, Paging(limit=2))
-    rest = await store.read(audit.page, Paging(page.next))
-    kept = [*page.items, *rest.items]
-    assert [(e.id, e.actor, e.reason, e.before, e.after) for e in kept] == [
-        (3, "bob", "", None, None),
-        (2, "robomend", "", None, None),
-        (1, "ada", "new wheels", {"policy": "approve"}, {"policy": "auto"}),
-    ]
-    assert len((await store.read(audit.page, robot="r1")).items) == 2
-
-
-async def test_the_global_stop_stays(store: Store) -> None:
-    assert await store.read(global_stop.get) == Stop()
-    stop = await store.write(lambda tx: global_stop.put(tx, True, by="ada", reason="smoke"))
-    assert (stop.active, stop.by, stop.reason) == (True, "ada", "smoke")
-    assert await store.read(global_stop.get) == stop
-    assert not (await store.write(lambda tx: global_stop.put(tx, False, by="ada", reason="aired"))).active
 
 
 async def test_the_newest_repair_of_each_robot_is_found_for_many_at_once(

@@ -12,10 +12,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from tests.clients.service_double import eventually
 from tests.waiting import until
 
 from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerNotReady, WorkerTimeout
@@ -266,26 +264,6 @@ def test_idle_workers_end() -> None:
         assert pool.call(os.getpid) != pid
 
 
-def test_who_says_again_that_it_may_be_needed_keeps_a_worker_ready() -> None:
-    with WorkerPool("kept", spare=0, idle_s=1000.0) as pool:
-        pool.start()
-        pool.start()
-        eventually(lambda: pool.pids != (), "a worker that is ready")
-        (pid,) = pool.pids
-
-        def long_after(*, kept: bool) -> None:
-            (worker,) = pool._idle
-            worker.idle_since -= 2000.0
-            if kept:
-                pool.start()
-            pool._end_idle()
-
-        long_after(kept=True)
-        assert pool.call(os.getpid) == pid
-        long_after(kept=False)
-        assert gone(pid)
-
-
 async def _timed_out_and_cancelled(pool: WorkerPool, spin: Callable[..., object]) -> None:
     assert await pool.run(math.factorial, 5, timeout_s=30) == 120
     pid = await pool.run(os.getpid)
@@ -326,23 +304,6 @@ def test_the_queue_is_bounded(tmp_path: Path) -> None:
         *answers, refused = asyncio.run(_crowd(pool, fifo))
         assert answers == ["read"] * 3
         assert isinstance(refused, Overloaded)
-
-
-def test_a_call_that_a_worker_has_just_taken_does_not_count_among_those_that_wait(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Crowded(WorkerPool):
-        """The room that there is at the moment at which a call has its worker."""
-
-        def _take(self, ticket: Any) -> Any:
-            worker = super()._take(ticket)
-            rooms.append(self._waiting)
-            return worker
-
-    rooms: list[int] = []
-    with Crowded("busy", size=1, spare=0, queue_limit=2) as pool:
-        pool.call(os.getpid)
-    assert rooms == [0]
 
 
 PARENT = """
