@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import monotonic
+from time import monotonic, thread_time
+from types import TracebackType
 from typing import Any
 
 from robomend.diagnosis.result import Options
@@ -18,7 +21,7 @@ from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
 from robomend_batch.logs.blocks import Advance, Opened, Place, Restart, Shown
 from robomend_batch.logs.compressed import is_compressed, plain_log
-from robomend_batch.logs.kinds import READERS, kind_of
+from robomend_batch.logs.kinds import READERS, RECORDINGS, kind_of
 from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, PartFolder, Parts
 from robomend_batch.problems import LogRefused, Problems
@@ -34,6 +37,11 @@ RESULTS = "results"
 
 SHARES_S = 0.5
 """Between two times that it is said how much of a file is read."""
+
+LEAST_S, SECONDS_A_MB = 600.0, 5.0
+"""Of a processor's time, what a log may take: so long in any case, and so much for each of its megabytes. A
+gigabyte of messages takes some minutes.
+"""
 
 OnShare = Callable[[float], None]
 """Told how much of the file in hand is read, from 0 to 1."""
@@ -55,6 +63,57 @@ class Setup:
     together_s: float | None = None  # one explanation for so long; inf: for a segment; None: for each state
     ndjson: bool = False  # the lines of results.ndjson are written beside the parts
     code: bool = True  # whether observers may be those of a FILE.py
+    log_timeout_s: float | None = None  # of a processor's time, for one file; None: by its size
+
+
+class TookTooLong(BaseException):
+    """A log has used up its time. No Exception, as readers take those for damage."""
+
+
+class _Allowance:
+    """The processor time that a file may take: TookTooLong when it is used up.
+
+    That is raised wherever it happens in a main thread, in an observer's endless loop as well; in another
+    thread, which gets no signals, where somebody looks.
+    """
+
+    def __init__(self, left_s: float) -> None:
+        self._left_s = left_s
+        self._open = False
+        self._began_s = 0.0
+
+    def __enter__(self) -> _Allowance:
+        self._began_s = thread_time()
+        self._open = True
+        if math.isfinite(self._left_s) and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGPROF, self._over)
+            signal.setitimer(signal.ITIMER_PROF, max(self._left_s, 1e-3), 1.0)  # again: it may go unheard
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """It counts no more."""
+        self._open = False
+        if threading.current_thread() is threading.main_thread():
+            signal.setitimer(signal.ITIMER_PROF, 0)
+
+    def _over(self, number: int, frame: object) -> None:
+        if self._open:
+            raise TookTooLong
+
+    @property
+    def used_s(self) -> float:
+        """How much was used."""
+        return thread_time() - self._began_s
+
+    def look(self) -> None:
+        """Raise TookTooLong if it is used up."""
+        if self.used_s > self._left_s:
+            raise TookTooLong
 
 
 class Diagnoser:
@@ -63,11 +122,15 @@ class Diagnoser:
     def __init__(self, setup: Setup, on_share: OnShare = lambda share: None) -> None:
         self.setup = setup
         self.on_share = on_share
-        self._answers = Answers(opened(setup.system.cnf), setup.options)
         self._observing = (
             None if setup.observers is None else load_observers(setup.observers, code=setup.code)
         )
         self._folder = PartFolder(setup.out / RESULTS, setup.ndjson)
+        self._begin()
+
+    def _begin(self) -> None:
+        setup = self.setup
+        self._answers = Answers(opened(setup.system.cnf), setup.options)
         self._stays = {
             "setup": setup,
             "vocabulary": setup.system.vocabulary,
@@ -96,30 +159,52 @@ class Diagnoser:
         unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays, span_s)
         logs = unfinished.load() or _Logs(name, self.setup, self._answers, self._observing, self._folder)
         kind = None
+        allowed, most_s, size_mb, spent_s = _Allowance(math.inf), math.inf, 0.0, logs.spent_s
         try:
             with plain_log(path, unpacked_folder(self.setup.out, name)) as plain:
                 logs.opened.problems.called = str(plain.path), name
-                kind = kind_of(plain.path)
-                for log, what in READERS[kind](plain.path, logs.opened):
-                    if not isinstance(what, Place):
-                        logs.log(log).take(what)
-                        continue
-                    if monotonic() >= next_s:
-                        self.on_share(what.share)
-                        next_s = monotonic() + SHARES_S
-                    if unfinished.due:
+                size_mb = stamp(str(plain.path))[0] / 1e6
+                most_s = self.setup.log_timeout_s or LEAST_S + SECONDS_A_MB * size_mb
+                allowed = _Allowance(most_s - spent_s)
+                with allowed:
+                    kind = kind_of(plain.path)
+                    logs.opened.checked = plain.checked or kind not in RECORDINGS
+                    for log, what in READERS[kind](plain.path, logs.opened):
+                        allowed.look()
+                        if not isinstance(what, Place):
+                            logs.log(log).take(what)
+                            continue
+                        if monotonic() >= next_s:
+                            self.on_share(what.share)
+                            next_s = monotonic() + SHARES_S
+                        if not unfinished.due:
+                            continue
                         logs.opened.begun = what.state
+                        logs.spent_s = spent_s + allowed.used_s
                         unfinished.save(logs)
                         if unfinished.kept and monotonic() >= until_s:
                             return None
-                if plain.problem:
-                    logs.opened.problems.add(name, f"ended early: {plain.problem}", bad=True)
-                    logs.opened.ended_early = True
-            return logs.finish(kind)
+                    if plain.problem:
+                        logs.opened.problems.add(name, f"ended early: {plain.problem}", bad=True)
+                        logs.opened.ended_early = True
+                    return logs.finish(kind)
         except LogRefused as error:
             logs.drop()
             problems = logs.opened.problems
             problems.add(error.place or name, error.reason, bad=True)
+            return [refused(name, kind, problems)]
+        except TookTooLong:
+            allowed.close()
+            logs.drop()
+            self.close()  # wherever its solvers were
+            self._begin()
+            problems = logs.opened.problems
+            problems.add(
+                name,
+                f"it took more than {most_s:,.0f} s of a processor's time, which {size_mb:,.1f} MB never do: "
+                "--log-timeout gives it more",
+                bad=True,
+            )
             return [refused(name, kind, problems)]
         except BaseException:  # Ctrl-C as well: whoever asked says what it was
             if not unfinished.kept:  # no part stays that nobody goes on from
@@ -129,6 +214,9 @@ class Diagnoser:
 
 class _Logs:
     """The logs of a file, and what is open of it while it is read."""
+
+    spent_s = 0.0
+    """Of a processor's time, before its state was written."""
 
     def __init__(
         self, name: str, setup: Setup, answers: Answers, observing: Observing | None, folder: PartFolder
@@ -163,8 +251,12 @@ class _Logs:
         told = [log for log in self._logs.values() if log.parts.intervals]
         if not told:
             raise LogRefused("an empty log: nothing was observed", self._name)
+        if not self.opened.checked:
+            reason = "neither its compression nor what it holds has a checksum: damage may not show"
+            self.opened.problems.add(self._name, reason, bad=False)
         problems = self.opened.problems.json()
-        state = "ended-early" if self.opened.ended_early else "bad" if self.opened.problems.bad else "ok"
+        whole = "ok" if self.opened.checked else "unchecked"
+        state = "ended-early" if self.opened.ended_early else "bad" if self.opened.problems.bad else whole
         return [log.record(self._name, kind, state, problems) for log in told]
 
 

@@ -11,7 +11,7 @@ import click
 from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
 
-TOLD = ("ok", "ended-early", "bad")
+TOLD = ("ok", "unchecked", "ended-early", "bad")
 """States of logs that were diagnosed."""
 
 

@@ -44,6 +44,7 @@ COLOURS = {"healthy": GOOD, "faulty": BAD, "contradictory": CONTRADICTORY, "unkn
 
 WORDS = {
     "ok": "",
+    "unchecked": "without a checksum",
     "ended-early": "ended early",
     "bad": "read in part",
     "refused": "refused",
@@ -132,7 +133,7 @@ def _faulty(record: Record) -> bool:
 
 def _figures(records: Sequence[Record], faults: Sequence[Fault]) -> str:
     faulty = sum(map(_faulty, records))
-    bad = sum(record["state"] != "ok" for record in records)
+    bad = sum(record["state"] not in ("ok", "unchecked") for record in records)
     figures = [
         (str(len(records)), "logs", False),
         (str(faulty), "show a fault", faulty > 0),

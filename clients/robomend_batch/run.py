@@ -40,7 +40,7 @@ class Summary:
     @property
     def bad(self) -> list[Record]:
         """The logs with something wrong."""
-        return [record for record in self.records if record["state"] != "ok"]
+        return [record for record in self.records if record["state"] not in ("ok", "unchecked")]
 
     @property
     def lost(self) -> list[Record]:
@@ -62,6 +62,7 @@ def settings_of(setup: Setup) -> dict[str, Any]:
         "observers": digest(setup.observers),
         "time": "header" if setup.by_header else "log",
         **({} if setup.together_s is None else {"together": str(setup.together_s)}),
+        **({} if setup.log_timeout_s is None else {"log_timeout": str(setup.log_timeout_s)}),
     }
 
 

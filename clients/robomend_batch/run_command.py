@@ -73,6 +73,12 @@ class Span(click.ParamType[float]):
 @click.option("--limit", type=click.IntRange(min=0), default=100, show_default=True, help="0: no limit.")
 @click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds per state; inf: none.")
 @click.option(
+    "--log-timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="Of a processor's time, for one log; default: 600, and 5 for each of its MB; inf: none.",
+)
+@click.option(
     "--unknown",
     type=click.Choice(("refuse", "keep")),
     default="refuse",
@@ -152,6 +158,7 @@ def _diagnosed(names: list[str], model: str, out: Path, begun: list[Started], **
             given["time"] == "header",
             given["together"],
             code=given["code"],
+            log_timeout_s=given["log_timeout"],
         ),
         names,
         overwrite=given["overwrite"],
@@ -173,6 +180,7 @@ def tell(summary: Summary, out: Path) -> None:
     if contradictory:
         text += f", {contradictory} with what the model cannot explain"
     for state, words in (
+        ("unchecked", "without a checksum"),
         ("ended-early", "ended early"),
         ("bad", "read in part"),
         ("refused", "refused"),

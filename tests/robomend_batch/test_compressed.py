@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from tests.robomend_batch.recordings import steady, write, write_bag, write_ros2
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson
+from tests.robomend_batch.test_damage import checked_zstd
 
 from robomend_batch.learn.gathering import gather
 from robomend_batch.logs import compressed
@@ -34,7 +35,8 @@ def _long(text: bytes) -> bytes:
 
 COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
     ".zstd": zstd.compress,
-    ".zst": lambda text: zstd.compress(text[:5000]) + zstd.compress(text[5000:]),
+    ".zst": lambda text: checked_zstd(text[:5000]) + zstd.compress(text[5000:]),
+    ".checked.zst": lambda text: checked_zstd(text[:5000]) + checked_zstd(text[5000:]),
     ".gz": _long,
     ".bz2": bz2.compress,
 }
@@ -62,7 +64,11 @@ def test_a_compressed_log_says_what_it_says_plain(name: str, ending: str, tmp_pa
     assert batch_run(tmp_path / "packed", packed, *asked, model=model) == 0
 
     (plain,), (told,) = logs(tmp_path / "plain"), logs(tmp_path / "packed")
-    assert (told["log"], told["kind"], told["state"]) == (str(packed), plain["kind"], "ok")
+    unchecked = ending in {".zstd", ".zst"} and not name.endswith(".ndjson")  # nor is what is in it
+    assert (told["log"], told["kind"]) == (str(packed), plain["kind"])
+    assert told["state"] == ("unchecked" if unchecked else "ok")
+    said = ["neither its compression nor what it holds has a checksum: damage may not show"]
+    assert [one["reason"] for one in told["problems"]] == said * unchecked
     assert any(one["state"] == "faulty" for one in intervals(tmp_path / "plain"))
     one_name = [{**one, "log": ""} for one in intervals(tmp_path / "packed")]
     assert one_name == [{**one, "log": ""} for one in intervals(tmp_path / "plain")]
@@ -86,7 +92,7 @@ def test_a_folder_of_rosbag2_is_read_where_its_files_are_compressed(tmp_path: Pa
     assert [one["log"] for one in logs(tmp_path / "both")] == [str(plain)]
     plain.unlink()
     assert batch_run(tmp_path / "packed", folder, *asked, model=model) == 0
-    assert [(one["log"], one["state"]) for one in logs(tmp_path / "packed")] == [(str(packed), "ok")]
+    assert [(one["log"], one["state"]) for one in logs(tmp_path / "packed")] == [(str(packed), "unchecked")]
 
 
 def test_the_topics_of_a_compressed_file_are_held_against_the_metadata_beside_it(tmp_path: Path) -> None:

@@ -394,3 +394,39 @@ def test_one_parquet_of_all_logs_says_so_when_there_is_no_room_for_it(tmp_path: 
     assert subprocess.run(program, capture_output=True, timeout=60).returncode == 0
     whole = pl.read_parquet(out / "results.parquet")
     assert whole.equals(pl.read_parquet(part))
+
+
+@pytest.mark.parametrize("workers", ["0", "2"])
+def test_a_log_that_takes_more_time_than_its_size_allows_costs_itself_only(
+    workers: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The worst is an observer of somebody's own that never comes back, and catches what it can."""
+    (tmp_path / "own.py").write_text(
+        "def never(value: str):\n"
+        "    while value == 'bad':\n"
+        "        try:\n"
+        "            sum(range(1000))\n"
+        "        except Exception:\n"
+        "            pass\n"
+        "    return value == 'good'\n"
+    )
+    observers = tmp_path / "agent.yaml"
+    observers.write_text('observers: {odom: {kind: "own.py:never", source: "odom:how"}}\n')
+    names = []
+    for number, how in enumerate(("good", "bad", "worn", "good")):
+        lines = [
+            {"start": 0},
+            *({"source": "odom:how", "time": at * SECOND, "value": how} for at in range(3)),
+        ]
+        lines.append({"end": 3 * SECOND})
+        names.append(tmp_path / f"{number}.jsonl")
+        names[-1].write_text("".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines))
+    given = ["--observers", str(observers), "--log-timeout", "3", "--workers", workers]
+    assert batch_run(tmp_path / "out", *names, *given) == 2
+    good, bad, worn, again = logs(tmp_path / "out")
+    assert [one["state"] for one in (good, bad, worn, again)] == ["ok", "refused", "ok", "ok"]
+    assert (list(good["intervals"]), list(worn["intervals"])) == (["healthy"], ["faulty"])
+    assert not bad["parts"]
+    said = "it took more than 3 s of a processor's time, which 0.0 MB never do: --log-timeout gives it more"
+    assert bad["problems"][0]["reason"] == said
+    assert f"refused: {names[1]}: {said}" in capsys.readouterr().err

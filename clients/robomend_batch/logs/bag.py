@@ -310,6 +310,7 @@ class StreamedBag:
     """A bag without its index. It is read twice: for what is in it, and for that."""
 
     by_time = False
+    checked: bool | None = None
 
     def __init__(self, path: Path, cut: str = "", note: str = "") -> None:
         self._path = path

@@ -78,6 +78,8 @@ class Opened:
     """That were read."""
 
     ended_early: bool = False
+    checked: bool = True
+    """Whether damage of a recording would show."""
 
     begun: Any = None
     """The state of the Place to go on from; None: from the beginning."""

@@ -83,6 +83,11 @@ class Chunked(ABC):
         self.end_ns: int | None = None
         self._parts: list[Part] = []
 
+    @property
+    def checked(self) -> bool | None:
+        """See Recording."""
+        return None
+
     @abstractmethod
     def close(self) -> None:
         """Close the file."""

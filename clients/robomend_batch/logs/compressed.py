@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from robomend_batch.errors import FULL
-from robomend_batch.logs.mcap_chunk import ZstdError, zstd
+from robomend_batch.logs.mcap_chunk import HEAD_BYTES, ZstdError, has_checksum, zstd
 from robomend_batch.problems import LogRefused
 
 ENDINGS = (".zstd", ".zst", ".gz", ".bz2")
@@ -61,8 +61,38 @@ class _Gzip:
         return self._zlib.unused_data
 
 
+class _Zstd:
+    """A frame, and whether it has a checksum."""
+
+    def __init__(self) -> None:
+        self._frame = zstd.ZstdDecompressor()
+        self._head = b""
+
+    def decompress(self, data: bytes, max_length: int) -> bytes:
+        self._head += data[: HEAD_BYTES - len(self._head)]
+        return self._frame.decompress(data, max_length)
+
+    @property
+    def checked(self) -> bool:
+        return has_checksum(self._head) or not self._head.startswith(ZSTD)  # a frame that holds no data
+
+    @property
+    def eof(self) -> bool:
+        return self._frame.eof
+
+    @property
+    def needs_input(self) -> bool:
+        return self._frame.needs_input
+
+    @property
+    def unused_data(self) -> bytes:
+        return self._frame.unused_data
+
+
+ZSTD = b"\x28\xb5\x2f\xfd"
+
 KINDS: dict[bytes, Callable[[], Any]] = {
-    b"\x28\xb5\x2f\xfd": zstd.ZstdDecompressor,
+    ZSTD: _Zstd,
     b"\x1f\x8b\x08": _Gzip,
     b"BZh": BZ2Decompressor,
 }
@@ -76,6 +106,9 @@ class Plain:
     path: Path
     problem: str = ""
     """What is wrong with its compression."""
+
+    checked: bool = True
+    """Whether a checksum of it says that nothing is."""
 
 
 def is_compressed(path: Path) -> bool:
@@ -98,10 +131,10 @@ def plain_log(path: Path, folder: Path) -> Iterator[Plain]:
     try:
         folder.mkdir(exist_ok=True)
         inner = folder / without_ending(path.name)
-        problem = _unpack(path, inner)
+        problem, checked = _unpack(path, inner)
         with suppress(OSError), path.with_name(METADATA).open("rb") as file:
             (folder / METADATA).write_bytes(file.read(METADATA_BYTES))
-        yield Plain(inner, problem)
+        yield Plain(inner, problem, checked)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -112,17 +145,20 @@ def without_ending(name: str) -> str:
     return name[: len(name) - len(ending)]
 
 
-def _unpack(path: Path, into: Path) -> str:
-    """Unpack a file, and return what is wrong with it; LogRefused if nothing of it can be read."""
+def _unpack(path: Path, into: Path) -> tuple[str, bool]:
+    """Unpack a file, and return what is wrong with it, and whether checksums say that nothing is; LogRefused
+    if nothing of it can be read.
+    """
     size = path.stat().st_size
     most = max(ALWAYS, MOST_TIMES * size)
     written = 0
     beside = into.with_name(f"{into.name}.{os.getpid()}")  # the worker of a killed run may not be gone yet
-    problem = ""
+    problem, checked = "", True
     with path.open("rb") as file, beside.open("wb", buffering=0) as output:
         try:
-            for data in _pieces(file):
+            for data, is_checked in _pieces(file):
                 written += len(data)
+                checked = checked and is_checked
                 if written > most:
                     at = f"at byte {file.tell():,} of {size:,}"
                     raise LogRefused(
@@ -142,11 +178,11 @@ def _unpack(path: Path, into: Path) -> str:
     if problem and not written:
         raise LogRefused(problem, str(path))
     os.replace(beside, into)
-    return problem
+    return problem, checked
 
 
-def _pieces(file: BinaryIO) -> Iterator[bytes]:
-    """Yield what a file holds; there may be several streams in it.
+def _pieces(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
+    """Yield what a file holds, and whether a checksum covers it; there may be several streams in it.
 
     Raises:
         EOFError: it ends in the middle.
@@ -170,6 +206,6 @@ def _pieces(file: BinaryIO) -> Iterator[bytes]:
             data = file.read(PIECE)
         output = decompressor.decompress(data, OUTPUT)
         if output:
-            yield output
+            yield output, getattr(decompressor, "checked", True)
         elif not data and not decompressor.eof:
             raise EOFError("it ends in the middle")

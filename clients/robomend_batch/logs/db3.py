@@ -99,6 +99,7 @@ class Db3:
     """See the module."""
 
     by_time = True
+    checked: bool | None = None
     start_ns: int | None
     end_ns: int | None
 

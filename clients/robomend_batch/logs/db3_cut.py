@@ -46,6 +46,7 @@ class CutDb3:
     """Its messages, in the order of time."""
 
     by_time = True
+    checked: bool | None = None
 
     def __init__(self, path: Path, channels: list[Channel], cut: str) -> None:
         self.channels = channels

@@ -29,7 +29,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
 from robomend_batch.logs.chunk import LARGEST_CHUNK, Chunk, Chunked, Found, Part, in_order
-from robomend_batch.logs.mcap_chunk import ZstdError, left_of_chunk, unpacked
+from robomend_batch.logs.mcap_chunk import HEAD_BYTES, ZstdError, has_checksum, left_of_chunk, unpacked
 from robomend_batch.logs.recorded import (
     DAMAGED,
     Channel,
@@ -109,6 +109,10 @@ class IndexedMcap(Chunked):
         except BaseException:
             self.close()
             raise
+
+    @property
+    def checked(self) -> bool | None:
+        return (self._checked and all(self._head(part.chunk)[1] for part in self._parts)) or None
 
     def close(self) -> None:
         self._file.close()
@@ -254,6 +258,7 @@ class StreamedMcap:
         self._path = path
         self.cut: str | None = None
         self.notes = Notes()
+        self.checked: bool | None = True  # False: a chunk is compressed, and nothing vouches for it
         self._known: dict[int, Channel] = {}
         self._places: set[int] = set()  # of chunks
         counts: Counter[int] = Counter()
@@ -339,6 +344,7 @@ class StreamedMcap:
                 if length > LARGEST_CHUNK:
                     raise ReaderError(_too_large(length))
                 content = file.read(length)
+                self.checked = self.checked and None
                 if operation == MESSAGE:
                     message = self._message(content, 0, length, wanted, every)
                     if message is not None:
@@ -378,6 +384,9 @@ class StreamedMcap:
         name = content[CHUNK_HEAD.size : begin - 8].decode("ascii")
         if size > LARGEST_CHUNK:
             raise ReaderError(_too_large(size))
+        if not crc:
+            unsure = name and not has_checksum(content[begin : begin + HEAD_BYTES])
+            self.checked = False if unsure else self.checked and None
         data = _unpacked(content[begin:], name, size, crc)
         found = []
         for operation, place, end in _places(data):

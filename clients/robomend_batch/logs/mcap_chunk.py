@@ -31,6 +31,15 @@ LENGTH = struct.Struct("<Q")
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
 
 
+HEAD_BYTES, CHECKSUM = 5, 0x04
+"""Of a frame of zstd or of lz4: its magic, and the flags with that of a checksum of what it holds."""
+
+
+def has_checksum(frame: bytes) -> bool:
+    """Return whether a frame of zstd or of lz4 says that it has a checksum of what it holds."""
+    return len(frame) >= HEAD_BYTES and bool(frame[HEAD_BYTES - 1] & CHECKSUM)
+
+
 def left_of_chunk(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield operation and content of the whole records of the chunk in which a file ends; none if it ends
     elsewhere.

@@ -58,6 +58,8 @@ def read_messages(open_recording: Callable[[Path], Recording], path: Path, opene
         if recording.cut is not None:
             opened.problems.add(str(path), f"ended early: {recording.cut}", bad=True)
             opened.ended_early = True
+        own = recording.checked
+        opened.checked = opened.checked if own is None else own
     finally:
         recording.close()
 

@@ -155,6 +155,13 @@ class Recording(Protocol):
     notes: Notes
     """What was wrong with it, since somebody took them."""
 
+    @property
+    def checked(self) -> bool | None:
+        """Whether checksums of its own cover all that it holds. None: they need not, as what is in it
+        twice differs where a byte is damaged; unless the file as a whole is compressed.
+        """
+        ...
+
     def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         """Yield the messages of channels, and holes.
 

@@ -4,7 +4,7 @@
 
 One line of `level` or worse is bad, or `lines` of them within `hold_s`; it is good again once none came for
 `hold_s`. What is known to mean nothing is left out by `ignore`: a line that has all parts of a pattern, in
-their order (`timed out*retrying`).
+their order (`timed out*retrying`). So is, without being asked for, what is USUAL.
 
 A line may be of any length and of any bytes: MOST_LOOKED_AT characters of it are looked at.
 """
@@ -29,6 +29,14 @@ SHOWN = {4: "WARN", 8: "ERROR", 16: "FATAL", 30: "WARN", 40: "ERROR", 50: "FATAL
 ROS1_LEVELS = (1, 2, 4, 8, 16)
 
 MOST_LOOKED_AT = 2000
+
+USUAL = (
+    "Received comm state*when in simple state*with SimpleActionClient",
+    "on a goal handle that we're not tracking",
+    "SimpleActionClient received DONE twice",
+    "To transition to a cancelled state, the goal must be in a pending, recalling, active",
+)
+"""What actionlib logs as ERROR where a goal is cancelled or replaced while its end is on the way."""
 
 TYPES = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
 
@@ -78,7 +86,7 @@ class RosoutObserver(Incidents):
         self.node = node or self.atoms[0].args[-1]
         self._name = _plain(self.node)
         self._rules = rules
-        self._ignored = tuple(tuple(filter(None, text.split("*"))) for text in ignore)
+        self._ignored = tuple(tuple(filter(None, text.split("*"))) for text in (*ignore, *USUAL))
         if not all(self._ignored):
             raise ValueError("ignore must name a part of a line, '*' alone is every line")
         self._first = self._newest = ""

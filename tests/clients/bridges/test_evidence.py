@@ -114,7 +114,9 @@ def test_an_aborted_goal_is_reported_and_the_next_success_takes_it_back(
 ) -> None:
     serves(robot)
     slow = goals(robot) | {"action": "slow"}
-    with watched(robot, tmp_path, {"ok(goals,dock)": goals(robot), "ok(goals,slow)": slow}) as seen:
+    observers = {"ok(goals,dock)": goals(robot), "ok(goals,slow)": slow}
+    observers |= {f"ok(log,{name})": {"kind": "rosout"} for name in ("mission", "navigator")}
+    with watched(robot, tmp_path, observers) as seen:
         eventually(lambda: seen.service.polls, "the agent", WAIT_S)
         act(robot)
         seen.is_said("ok(goals,dock)", True, "goal succeeded")

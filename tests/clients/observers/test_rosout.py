@@ -47,6 +47,24 @@ def test_chatter_is_none(level: int) -> None:
     assert values(found) == ["ok(log,camera)"]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Received comm state PREEMPTING when in simple state DONE with SimpleActionClient in NS /dock",
+        "Got a transition callback on a goal handle that we're not tracking",
+        "Got a feedback callback on a goal handle that we're not tracking. /a-1-2.3 vs /a-2-2.4",
+        "SimpleActionClient received DONE twice",
+        "To transition to a cancelled state, the goal must be in a pending, recalling, active, or preempting "
+        "state, it is currently in state: 3",
+    ],
+)
+def test_what_actionlib_logs_when_a_goal_is_cancelled_is_no_fault(text: str) -> None:
+    log = Log(ignore=["harmless"])
+    found = [change for n in range(300) for change in log.line(n / 10, 8, text)]
+    assert values(found) == ["ok(log,camera)"]
+    assert values(log.line(31, 8, f"{text[:20]} is broken")) == ["not ok(log,camera)"]
+
+
 def test_first_and_last_line_are_told_with_their_number() -> None:
     log = Log()
     for n in range(4):

@@ -87,7 +87,8 @@ class BatchOut(Out):
     reason: str
     done: int = Field(description="files that are diagnosed")
     log_states: dict[str, int] = Field(
-        description="logs by what became of them: ok, ended-early, bad, refused, lost", examples=[{"ok": 12}]
+        description="logs by what became of them: ok, unchecked, ended-early, bad, refused, lost",
+        examples=[{"ok": 12}],
     )
     faulty: int = Field(description="logs that show a fault")
     message: str = Field(description="what was wrong, as robomend-batch says it")
