@@ -135,6 +135,29 @@ def test_what_is_bad_is_seen_first_and_the_rest_is_folded_by_component(service: 
     )
 
 
+def test_beside_a_number_stands_how_it_went(service: Service, look: Look) -> None:
+    service.with_robot("measured", policy="observe")
+    for hertz in (10, 9, 8.5, 4, 3):
+        held = "ok(scan)" if hertz >= 8 else "not ok(scan)"
+        rate = {"value": hertz, "unit": "Hz", "limit": "8 to 12 Hz"}
+        volts = {"value": 24, "unit": MARKUP}
+        said = {"value": "exit code 1"}
+        seen = (held, "on(jaguar)", "not running(hector_mapping)")
+        service.observe(*seen, robot="measured", readings=[rate, volts, said])
+    page = live(look(service), "/ui/robots/measured")
+    obs = page.locator('[data-part="obs"]')
+    course = obs.locator("tr", has_text="not ok(scan)").get_by_role("img")
+    expect(course).to_have_accessible_name(re.compile(r"^ok\(scan\): 3 to 10 Hz in the last .*s, now 3$"))
+    assert (course.locator(".line").get_attribute("d") or "").count("M") == 2, "from 10 to 9 and to 8.5"
+    assert (course.locator(".amiss").get_attribute("d") or "").count("M") == 2, "to 4, and to 3"
+    assert obs.locator("tr", has_text="not running(hector_mapping)").get_by_role("img").count() == 0
+    obs.locator("#obs-good summary").click()
+    steady = obs.locator("tr", has_text="on(jaguar)").get_by_role("img")
+    expect(steady).to_have_accessible_name(re.compile(rf"24 to 24 {re.escape(MARKUP)}"))
+    assert serious(page) == []
+    keep(page, "sparklines")
+
+
 def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service, look: Look) -> None:
     service.with_robot("probed")
     service.observe("not ok(map)", robot="probed")

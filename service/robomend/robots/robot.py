@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from array import array
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -197,6 +198,40 @@ class Circles:
         )
 
 
+class Measured:
+    """How what was reported with a number went of late, for people; none of it is on disk.
+
+    The store keeps what changes: that a rate falls from 10 to 9 Hz and is good all the same is nowhere else.
+    """
+
+    __slots__ = ("_courses",)
+
+    NEWEST, MOST = 60, 200
+    """Reports of each that are kept, and atoms of which any are."""
+
+    def __init__(self) -> None:
+        self._courses: dict[tuple[Atom, str], array[float]] = {}  # time, value, held: flat, as it is small
+
+    def hear(self, entries: Iterable[Entry], now_ns: int) -> None:
+        """Take note of what was measured."""
+        for entry in entries:
+            value = None if entry.reading is None else entry.reading.value
+            if value is None or isinstance(value, str):
+                continue
+            course = self._courses.get((entry.atom, entry.source))
+            if course is None:
+                if len(self._courses) >= self.MOST:
+                    continue
+                course = self._courses[entry.atom, entry.source] = array("d")
+            course.extend((now_ns, value, entry.positive))
+            del course[: -3 * self.NEWEST]
+
+    def course(self, atom: Atom, source: str) -> list[tuple[float, float, bool]]:
+        """Return when it was reported (ns), what was measured, and whether it held; the oldest first."""
+        flat = self._courses.get((atom, source), ())
+        return [(flat[at], flat[at + 1], bool(flat[at + 2])) for at in range(0, len(flat), 3)]
+
+
 VARIANTS = 64
 """Systems as robots make them, kept: a fleet of one model has few, and each is as large as the model."""
 
@@ -262,6 +297,7 @@ class Robot:
         "current",
         "diagnosed",
         "id",
+        "measured",
         "model",
         "obs",
         "observed",
@@ -281,6 +317,7 @@ class Robot:
         self._configure(stored, model, system)
         self.obs = Obs()
         self._circles = Circles()
+        self.measured = Measured()
         self.sight = Sight(self)
         self.assertion_records: dict[str, records.StoredAssertion] = {}
         self.configuration: Decision | None = None  # the latest, where this instance owns the robot
@@ -498,6 +535,7 @@ class Robot:
             self._circles.hear(update.entries)
         if any(not entry.positive and entry.atom.predicate != ACTIVE for entry in changed):
             self._worsened = self._head + 1
+        self.measured.hear(update.entries, CLOCK.now_ns())
         known = [entry for entry in changed if not entry.contradicted]
         self.sight.heard(update.entries, known)
         self.sight.hear(update.entries, known)

@@ -1,4 +1,4 @@
-"""What an observer was fed with around a moment, as a small plot; the moment is a dashed line.
+"""Small plots of what was measured: around a moment, which is a dashed line, and of the last minutes.
 
         2.31 ┤   ╭──╮ ┊
              │───╯  ╰─┊──────
@@ -6,7 +6,8 @@
             -30 s     0     10 s
 
 Gaps in which nothing came are gaps of the line, and in a rate they are its zeros. A plot is text, so that it
-can be searched and read aloud.
+can be searched and read aloud. A sparkline is the same in the room of two words, without figures beside it:
+what did not hold is drawn in the colour of what is bad.
 """
 
 from __future__ import annotations
@@ -16,12 +17,17 @@ from html import escape
 from itertools import pairwise
 from math import isfinite
 
+from robomend.web.words import duration
+
 WIDE, HIGH = 360, 84
 LEFT, TOP, BOTTOM = 64, 8, 20
 """Room for the figures beside and below the line, pixels."""
 
 GAP_S = 1.0
 """Values that are further apart are not joined."""
+
+SPARK_WIDE, SPARK_HIGH = 96, 22
+"""Of a sparkline, pixels."""
 
 
 def svg(source: str, kind: str, at_s: Sequence[float], values: Sequence[float]) -> str:
@@ -67,4 +73,39 @@ def svg(source: str, kind: str, at_s: Sequence[float], values: Sequence[float]) 
         f'<text x="{LEFT}" y="{HIGH - 5}">{begin_s:.0f} s</text>'
         f'<text x="{WIDE - 8}" y="{HIGH - 5}" text-anchor="end">{end_s:.0f} s</text>'
         "</svg>"
+    )
+
+
+def sparkline(what: str, points: Sequence[tuple[float, float, bool]], unit: str) -> str:
+    """Return what was measured as a small SVG element; nothing where one point is no course.
+
+    Args:
+        what: the atom that the observer judges by it.
+        points: when each was reported (nanoseconds), its value, and whether it held; the oldest first.
+    """
+    if len(points) < 2 or points[0][0] >= points[-1][0]:
+        return ""
+    (first_ns, _, _), (last_ns, newest, _) = points[0], points[-1]
+    low, high = min(value for _, value, _ in points), max(value for _, value, _ in points)
+
+    def place(time_ns: float, value: float) -> str:
+        x = 2 + (SPARK_WIDE - 4) * (time_ns - first_ns) / (last_ns - first_ns)
+        up = (value - low) / (high - low) if high > low else 0.5
+        return f"{x:.1f} {SPARK_HIGH - 3 - (SPARK_HIGH - 6) * up:.1f}"
+
+    lines = {True: "", False: ""}
+    for (from_ns, value, _), (to_ns, after, good) in pairwise(points):
+        lines[good] += f"M{place(from_ns, value)}L{place(to_ns, after)}"
+    named = f" {unit}" if unit else ""
+    said = (
+        f"{what}: {low:.4g} to {high:.4g}{named} in the last {duration((last_ns - first_ns) / 1e9)}, "
+        f"now {newest:.4g}"
+    )
+    drawn = "".join(
+        f'<path class="{"line" if good else "amiss"}" d="{path}"/>' for good, path in lines.items() if path
+    )
+    return (
+        f'<svg class="spark" viewBox="0 0 {SPARK_WIDE} {SPARK_HIGH}" width="{SPARK_WIDE}" '
+        f'height="{SPARK_HIGH}" role="img" aria-label="{escape(said)}"><title>{escape(said)}</title>'
+        f"{drawn}</svg>"
     )

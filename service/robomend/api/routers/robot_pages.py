@@ -28,6 +28,7 @@ from robomend.store import View, diagnoses, moments
 from robomend.store.records import Paging, StoredDiagnosis, StoredMoment
 from robomend.web import graph, past
 from robomend.web import timeline as figure
+from robomend.web.moment_plot import sparkline
 from robomend.web.suspicion import Suspicion, suspicions, whys, with_priors
 from robomend_client.literals import Atom, parse_atom
 
@@ -84,7 +85,9 @@ async def robot_page(
     if "graph" in wanted:
         values["graph"] = await asyncio.to_thread(_graph, state, values["found"], values["whys"])
     if "obs" in wanted:
-        values |= {"most": SHOWN_OBS, **_sorted(_by_one_clock(obs_out(state), state), state)}
+        shown = _by_one_clock(obs_out(state), state)
+        values |= {"most": SHOWN_OBS, **_sorted(shown, state)}
+        values["courses"] = _courses(state, shown.observations[:SHOWN_OBS])
     if "board" in wanted:
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
@@ -229,6 +232,17 @@ def _sorted(obs: ObsOut, state: Robot) -> dict[str, Any]:
         "good": list(good.items()),
         "good_count": sum(map(len, good.values())),
     }
+
+
+def _courses(state: Robot, shown: Sequence[ObservedLiteral]) -> dict[str, Markup]:
+    """Return, for what is shown with a number, how that went of late, as a small plot."""
+    found: dict[str, Markup] = {}
+    for one in shown:
+        if one.reading is not None and not isinstance(one.reading.value, str):
+            atom = parse_atom(one.literal.removeprefix("not "))
+            course = state.measured.course(atom, one.source)
+            found[one.literal] = Markup(sparkline(str(atom), course, one.reading.unit))  # it escapes names
+    return found
 
 
 async def _past(parts: Parts, state: Robot, until_ms: int | None, span_s: int | None) -> dict[str, Any]:
