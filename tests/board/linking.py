@@ -7,11 +7,8 @@ import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from robomend.board.codec import (
-    Acknowledge,
-    Broadcast,
     ChannelLimits,
     ChannelReading,
-    Code,
     Measurements,
     Specification,
     encode,
@@ -79,9 +76,3 @@ async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
 
 SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))
 MEASUREMENTS = encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 8))
-
-
-async def open_politely(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    writer.write(SPECIFICATION)
-    assert await reader.readexactly(5) == encode(Broadcast(100))
-    writer.write(encode(Acknowledge(Code.OK)) + MEASUREMENTS)

@@ -6,15 +6,11 @@ Nothing here asserts how long something took; waits only have a generous end.
 from __future__ import annotations
 
 import asyncio
-import itertools
 import re
-from collections.abc import Iterator
 
 import pytest
 from tests.board.linking import (
     END_S,
-    SPECIFICATION,
-    badly_behaved,
     emulated,
     fault,
     link_to,
@@ -22,12 +18,7 @@ from tests.board.linking import (
     until,
 )
 
-from robomend.board.codec import (
-    Acknowledge,
-    Code,
-    encode,
-)
-from robomend.board.link import BoardLink, LinkState, backoff
+from robomend.board.link import BoardLink, LinkState
 from robomend.board.snapshot import Snapshot
 from robomend.errors import BoardRefused, BoardTimeout, BoardUnreachable
 
@@ -62,17 +53,6 @@ async def test_switching_acts_and_shows_and_may_be_repeated() -> None:
         assert not emulator.board.relays()[7]
 
 
-async def test_a_change_that_nobody_asked_for_shows_in_the_measurements() -> None:
-    async with emulated(on=(7,)) as emulator, link_to(emulator.port) as link:
-        snapshots = link.measurements()
-        async with asyncio.timeout(END_S):
-            async for snapshot in snapshots:
-                if snapshot.channels is not None and not snapshot.channels[7].on:
-                    break
-                emulator.switch(7, False)
-        await snapshots.aclose()
-
-
 async def test_commands_of_many_callers_are_queued_and_each_gets_its_answer() -> None:
     async with emulated() as emulator, link_to(emulator.port) as link:
         await asyncio.gather(*(link.switch(n, True) for n in range(10)))
@@ -83,17 +63,6 @@ async def test_commands_of_many_callers_are_queued_and_each_gets_its_answer() ->
         assert isinstance(results[1], BoardRefused)
         assert results[2] is None
         assert emulator.board.relays() == tuple(n not in (3, 4) for n in range(10))
-
-
-async def test_several_boards_live_in_one_loop_and_one_that_fails_holds_up_no_other() -> None:
-    async with emulated() as one, emulated(8) as two, link_to(one.port) as first, link_to(two.port) as second:
-        await first.wait_connected(END_S)
-        await second.wait_connected(END_S)
-        await fault(one, "mute")
-        await until(lambda: first.snapshot.channels is None)
-        await second.switch(1, True)
-        assert second.state is LinkState.CONNECTED
-        assert not one.board.relays()[1]
 
 
 async def test_a_reader_that_lags_misses_the_oldest_and_gets_the_newest() -> None:
@@ -125,18 +94,6 @@ async def test_a_refusal_says_which_board_what_and_why() -> None:
         assert link.state is LinkState.CONNECTED
 
 
-async def test_a_board_that_refuses_to_broadcast_is_said_to() -> None:
-    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(SPECIFICATION)
-        await reader.readexactly(5)
-        writer.write(encode(Acknowledge(Code.BAD_VALUE)))
-        await reader.read()
-
-    async with badly_behaved(refuse) as port, link_to(port) as link:
-        await until(lambda: link.state is LinkState.DISCONNECTED)
-        assert "refused to broadcast at 100 Hz" in link.reason
-
-
 @pytest.mark.parametrize(
     ("host", "why"), [("127.0.0.1", "Connection refused"), ("no-such-host.invalid", "not known|resolution")]
 )
@@ -161,16 +118,6 @@ async def test_silence_is_unknown_and_the_board_is_known_again_when_it_speaks() 
         emulator.line.mute = False
         await until(lambda: link.snapshot.channels is not None)
         assert states == [LinkState.CONNECTED, LinkState.SILENT, LinkState.CONNECTED]
-
-
-async def test_lasting_silence_replaces_the_connection() -> None:
-    async with emulated() as emulator, link_to(emulator.port, silence_s=0.05) as link:
-        await link.wait_connected(END_S)
-        [connection] = emulator.clients
-        emulator.line.mute = True
-        await until(lambda: connection not in emulator.clients)
-        emulator.line.mute = False
-        await until(lambda: link.state is LinkState.CONNECTED)
 
 
 async def test_a_lost_acknowledge_is_a_timeout_whose_outcome_the_measurements_show() -> None:
@@ -222,44 +169,6 @@ async def test_a_connection_lost_in_mid_command_is_an_unknown_outcome() -> None:
             await task
 
 
-async def test_a_dropped_connection_is_unknown_and_comes_back() -> None:
-    snapshots: list[Snapshot] = []
-    async with emulated() as emulator, link_to(emulator.port, on_snapshot=snapshots.append) as link:
-        await until(lambda: link.snapshot.channels is not None)
-        await fault(emulator, "drop")
-        await until(lambda: any(snapshot.channels is None for snapshot in snapshots))
-        await until(lambda: link.snapshot.channels is not None)
-
-
-async def test_after_a_connection_that_worked_the_waits_between_attempts_begin_anew(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    begun: list[tuple[float, float]] = []
-
-    def counted(first_s: float, most_s: float) -> Iterator[float]:
-        begun.append((first_s, most_s))
-        return backoff(first_s, most_s)
-
-    monkeypatch.setattr("robomend.board.link.backoff", counted)
-    async with emulated() as emulator, link_to(emulator.port) as link:
-        await until(lambda: link.snapshot.channels is not None)
-        assert len(begun) == 1
-        await fault(emulator, "drop")
-        await until(lambda: len(begun) == 2)
-
-
-async def test_a_board_that_refuses_connections_is_reached_when_it_accepts_them_again() -> None:
-    async with emulated() as emulator, link_to(emulator.port) as link:
-        await link.wait_connected(END_S)
-        await fault(emulator, "refuse")
-        await fault(emulator, "drop")
-        await until(lambda: link.state is LinkState.DISCONNECTED)
-        with pytest.raises(BoardUnreachable, match=f"127.0.0.1:{emulator.port}"):
-            await link.switch(7, True, timeout_s=0.2)
-        await emulator.clear("refuse", None)
-        await link.switch(7, True)
-
-
 @pytest.mark.parametrize("size", [1, 3, 50])
 async def test_split_frames_are_understood(size: int) -> None:
     async with emulated() as emulator, link_to(emulator.port, broadcast_hz=5) as link:
@@ -267,13 +176,6 @@ async def test_split_frames_are_understood(size: int) -> None:
         for channel in range(5):
             await link.switch(channel, True)
         assert [r.on for r in (await link.request()).channels or ()] == [n < 5 for n in range(10)]
-
-
-async def test_late_frames_delay_and_disturb_nothing() -> None:
-    async with emulated() as emulator, link_to(emulator.port) as link:
-        await fault(emulator, "late", delay_s=0.1)
-        await link.switch(7, True)
-        assert on(await link.request(), 7)
 
 
 async def test_garbage_costs_the_connection_and_not_the_link() -> None:
@@ -287,13 +189,6 @@ async def test_garbage_costs_the_connection_and_not_the_link() -> None:
         await until(lambda: any(s is LinkState.DISCONNECTED and "not 0x02" in r for s, r in states))
         await link.switch(7, True)
         assert emulator.board.relays()[7]
-
-
-def test_the_waits_between_attempts_double_up_to_the_most_and_differ() -> None:
-    longest = [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]
-    runs = [list(itertools.islice(backoff(0.1, 1.0), 6)) for _ in range(20)]
-    assert all(most / 2 <= wait <= most for run in runs for wait, most in zip(run, longest, strict=True))
-    assert len({tuple(run) for run in runs}) == 20
 
 
 # --- the end -------------------------------------------------------------------------------------------
@@ -325,36 +220,6 @@ async def test_closing_ends_every_wait_and_may_be_repeated() -> None:
 
 async def _read_all(link: BoardLink) -> list[Snapshot]:
     return [snapshot async for snapshot in link.measurements()]
-
-
-async def test_a_link_is_started_once_and_never_after_it_was_closed() -> None:
-    async with emulated() as emulator:
-        link = BoardLink("127.0.0.1", emulator.port)
-        link.start()
-        first = link._task
-        link.start()
-        assert link._task is first
-        await link.close()
-        link.start()
-        assert link._task is None
-        assert link.state is LinkState.CLOSED
-
-
-async def test_a_link_that_was_never_started_can_be_closed() -> None:
-    await link_to(1).close()
-
-
-async def test_a_callback_that_fails_is_logged_and_does_not_end_the_link(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    def fail(*_: object) -> None:
-        raise RuntimeError("a bug of the caller")
-
-    async with emulated() as emulator, link_to(emulator.port, on_snapshot=fail, on_state=fail) as link:
-        await until(lambda: link.snapshot.channels is not None)
-        await link.switch(7, True)
-    told = {record.getMessage().split(": ")[-1] for record in caplog.records if record.exc_info}
-    assert told == {"a state callback failed", "a snapshot callback failed"}
 
 
 @pytest.mark.parametrize(("port", "hz"), [(5000, 0), (5000, 256), (0, 5), (70000, 5)])

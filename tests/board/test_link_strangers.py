@@ -6,7 +6,6 @@ Nothing here asserts how long something took; waits only have a generous end.
 from __future__ import annotations
 
 import asyncio
-import logging
 import socket
 
 import pytest
@@ -15,19 +14,17 @@ from tests.board.linking import (
     SPECIFICATION,
     badly_behaved,
     link_to,
-    open_politely,
     until,
 )
 
 from robomend.board.codec import (
     Acknowledge,
     ChannelReading,
-    Code,
     Measurements,
     Specification,
     encode,
 )
-from robomend.board.link import BoardLink, LinkState
+from robomend.board.link import LinkState
 from robomend.errors import BoardUnreachable
 
 pytestmark = pytest.mark.anyio
@@ -89,46 +86,4 @@ async def test_whoever_breaks_the_protocol_is_dropped_with_the_reason(greeting: 
             await link.switch(1, True, timeout_s=0.05)
 
 
-async def test_an_acknowledge_that_nobody_waits_for_breaks_the_protocol() -> None:
-    async def acknowledge_twice(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await open_politely(reader, writer)
-        writer.write(encode(Acknowledge(Code.OK)))
-        await reader.read()
-
-    async with badly_behaved(acknowledge_twice) as port, link_to(port) as link:
-        await until(lambda: link.state is LinkState.DISCONNECTED)
-        assert "came in state ready" in link.reason
-
-
 # --- what the log says ---------------------------------------------------------------------------------
-
-
-async def test_a_board_that_stays_away_is_told_of_once_however_often_it_is_tried(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.transport.abort()
-
-    with caplog.at_level(logging.DEBUG, "robomend.board.link"):
-        async with badly_behaved(hang_up) as port, link_to(port):
-
-            def tried_thrice() -> bool:
-                return sum("connecting" in record.getMessage() for record in caplog.records) >= 3
-
-            await until(tried_thrice)
-            told = [record.getMessage() for record in caplog.records if record.levelno == logging.INFO]
-    assert len(told) == len(set(told)), told
-
-
-async def test_a_bug_of_the_link_is_in_the_log_with_its_trace(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def broken(link: BoardLink) -> None:
-        raise ZeroDivisionError("a bug")
-
-    monkeypatch.setattr(BoardLink, "_converse", broken)
-    async with link_to(1) as link:
-        await until(lambda: "a bug" in link.reason)
-    record = next(record for record in caplog.records if "the link failed" in record.getMessage())
-    assert record.levelno == logging.ERROR
-    assert record.exc_info is not None

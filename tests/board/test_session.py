@@ -85,11 +85,6 @@ def test_a_message_is_taken_exactly_where_the_table_has_a_row(state: State, mess
         assert session.state is expected
 
 
-def test_the_table_has_only_states_that_can_be_reached_and_left() -> None:
-    assert {state for state, _ in TRANSITIONS} == set(LIVE)
-    assert set(TRANSITIONS.values()) == set(LIVE) - {State.OPENING}
-
-
 @pytest.mark.parametrize("channels", [1, 8, 10])
 def test_the_number_of_channels_comes_from_the_specification(channels: int) -> None:
     session = Session()
@@ -121,42 +116,12 @@ def test_an_acknowledge_answers_the_outstanding_command_amid_a_broadcast() -> No
     assert session.outstanding is None
 
 
-def test_a_request_is_answered_by_the_acknowledge_and_then_the_measurements() -> None:
-    session = in_state(State.REQUESTED)
-    assert receive(session, MEASUREMENTS, OK) == [MEASUREMENTS]
-    assert receive(session, MEASUREMENTS) == [MEASUREMENTS, Answered(Request(), Code.OK)]
-
-
-def test_a_refused_request_waits_for_no_measurements() -> None:
-    session = in_state(State.REQUESTED)
-    assert receive(session, Acknowledge(4)) == [Answered(Request(), Code.UNKNOWN_COMMAND)]
-    assert session.state is State.READY
-
-
 def test_a_command_that_does_not_fit_the_wire_leaves_the_session_as_it_was() -> None:
     session = in_state(State.READY)
     with pytest.raises(LocalProtocolError):
         session.send(Broadcast(1000))
     assert session.state is State.READY
     assert session.outstanding is None
-
-
-def test_what_came_before_the_breach_is_still_told() -> None:
-    session = in_state(State.READY)
-    events = session.receive(encode(MEASUREMENTS) + b"garbage")
-    assert next(events) == MEASUREMENTS
-    with pytest.raises(RemoteProtocolError):
-        next(events)
-
-
-def test_after_a_breach_nothing_is_taken_any_more() -> None:
-    session = in_state(State.READY)
-    with pytest.raises(RemoteProtocolError):
-        receive(session, OK)
-    with pytest.raises(RemoteProtocolError, match="earlier"):
-        receive(session, MEASUREMENTS)
-    with pytest.raises(LocalProtocolError):
-        session.send(Broadcast(5))
 
 
 @pytest.mark.parametrize("frame", ["02 63 00 00", "02 05 00 00", "03 00 00 00"])

@@ -15,12 +15,11 @@ from tests.diagnosis.systems import systems
 
 from robomend.diagnosis import justification
 from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.observed import ObservationReader
-from robomend.diagnosis.result import Conflict, Options
-from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.diagnosis.result import Options
+from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
 from robomend_bench.generator import make_robot, observe
-from robomend_client.literals import Literal, fails, holds
+from robomend_client.literals import Literal
 
 
 def consistent(cnf: HealthCnf, healthy: tuple[str, ...], seen: tuple[Literal, ...]) -> bool:
@@ -53,70 +52,6 @@ def test_conflicts_of_a_warm_engine_are_minimal_in_components_and_observations(m
     assert checked > 25
     engine.close()
     other.close()
-
-
-def test_every_member_of_a_diagnosis_is_needed_by_a_reported_conflict() -> None:
-    robot = make_robot(40, 3)
-    chance = random.Random(3)
-    engine = make_engine("sat", robot.cnf)
-    for _ in range(20):
-        result = engine.diagnose(observe(robot, 3, chance), Options(limit=50))
-        for diagnosis in result.diagnoses:
-            for name in diagnosis.bad:
-                alone = [set(c.components) & set(diagnosis.bad) == {name} for c in result.conflicts]
-                assert any(alone)
-    engine.close()
-
-
-def test_a_list_that_changed_since_the_last_call_is_read_anew() -> None:
-    robot = make_robot(20, 1)
-    topic = next(atom.args[0] for atom in robot.cnf.atoms if atom.predicate == "ok")
-    engine = make_engine("sat", robot.cnf)
-    seen = [holds("ok", topic)]
-    assert engine.consistent(seen)
-    seen.append(holds("nobody", "mentions", "me"))
-    assert engine.consistent(seen)
-    seen[0] = fails("ok", topic)
-    assert not engine.consistent(seen)
-    engine.close()
-
-
-def test_equal_literals_are_read_alike_whatever_object_they_are() -> None:
-    robot = make_robot(20, 1)
-    seen = observe(robot, 1, random.Random(1))
-    copies = tuple((holds if one.positive else fails)(one.atom.predicate, *one.atom.args) for one in seen)
-    reader = ObservationReader(robot.cnf)
-    first = reader.read(seen)
-    assert reader.read(list(seen)) is first
-    assert reader.read(copies).numbers == first.numbers
-    assert reader.read(()).numbers == ()
-    assert reader.read(seen[:1] + copies[1:-1] + seen[-1:]) is reader.read(seen)
-    assert reader.read((*seen[:3], -seen[3], *seen[4:])).numbers[3] == -first.numbers[3]
-    assert reader.read(iter(seen)).numbers == first.numbers
-    with pytest.raises(ContradictoryModel):
-        reader.read((*seen, -seen[0]))
-
-
-def test_conflicts_of_circuits_are_minimal_or_said_not_to_be() -> None:
-    cnf = circuit("c880").cnf
-    engine = make_engine("sat", cnf)
-    said = []
-    for seed in range(5, 9):
-        seen = circuit("c880").observe(3, seed)
-        if seed == 6:  # from here on by simulation, before by the solver's cores
-            engine.diagnose(seen, Options("cardinality", limit=2))
-        result = engine.diagnose(seen, Options("cardinality", limit=1))
-        assert result.conflicts
-        for conflict in result.conflicts:
-            assert not consistent(cnf, conflict.components, conflict.observations)
-            needed = [
-                consistent(cnf, tuple(c for c in conflict.components if c != name), tuple(seen))
-                for name in conflict.components
-            ]
-            assert all(needed) or not conflict.minimal
-            said.append(conflict.minimal)
-    assert sum(said) > len(said) / 2
-    engine.close()
 
 
 @pytest.mark.parametrize("minimal", ["cardinality", "subset"])
@@ -175,20 +110,6 @@ def test_all_minimal_conflicts_are_told_where_they_are_asked_for(
     engine.close()
 
 
-def test_all_conflicts_of_a_large_circuit_are_as_many_as_there_is_time_and_room_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(justification, "MAX_OF_ALL", 3)
-    seen = circuit("c880").observe(3, 5)
-    engine = make_engine("sat", circuit("c880").cnf)
-    result = engine.diagnose(seen, Options("cardinality", limit=1, conflicts="all", timeout_s=None))
-    assert len({one.components for one in result.conflicts}) == 3
-    assert not result.conflicts_all
-    with pytest.raises(OptionRefused):
-        engine.diagnose(seen, Options(conflicts="most"))  # type: ignore[arg-type]  # that is the point
-    engine.close()
-
-
 def test_when_there_is_no_time_for_conflicts_they_are_said_to_be_missing() -> None:
     seen = circuit("c880").observe(3, 5)
     engine: Any = make_engine("sat", circuit("c880").cnf)
@@ -220,23 +141,3 @@ def test_a_robots_conflicts_are_told_even_when_the_time_is_up() -> None:
     engine._answer = too_late
     assert engine.diagnose(seen).conflicts == expected.conflicts
     engine.close()
-
-
-def test_what_was_told_before_is_told_as_by_a_new_engine() -> None:
-    robot = make_robot(12, 5)
-    chance = random.Random(5)
-    warm = make_engine("sat", robot.cnf)
-    again = 0
-    met: set[Conflict] = set()
-    for _ in range(40):
-        seen = observe(robot, chance.randint(1, 2), chance)
-        healthy = frozenset(chance.sample(robot.cnf.components, chance.randint(0, 2)))
-        for options in (Options(), Options(healthy=healthy), Options()):
-            fresh = make_engine("sat", robot.cnf)
-            told = warm.diagnose(seen, options).conflicts
-            assert told == fresh.diagnose(seen, options).conflicts
-            fresh.close()
-            again += len(met.intersection(told))
-            met.update(told)
-    assert again > 40
-    warm.close()

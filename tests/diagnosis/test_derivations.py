@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from dataclasses import replace
 
 import pytest
@@ -11,14 +10,13 @@ from hypothesis import strategies as st
 from tests.diagnosis.systems import brute_force, model, satisfiable
 
 from robomend.diagnosis import derivations
-from robomend.diagnosis.derivations import Derivations, TooManyEnvironments
+from robomend.diagnosis.derivations import Derivations
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, ObservationReader, Supposed
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_bench.odd_models import ladder
-from robomend_client.literals import Literal, fails, holds
+from robomend_client.literals import Literal, fails
 
 N, ATOMS = 4, 5  # components 1-4, atoms 5-9
 OK = {f"a{i}": N + i for i in range(1, ATOMS + 1)}
@@ -38,34 +36,11 @@ def minimal(sets: list[set[int]]) -> set[frozenset[int]]:
 CHAIN = model(N, [(-1, 5), (-2, -5, 6), (-3, -6, 7)], atoms=ATOMS)
 
 
-def test_what_is_derived_over_unseen_atoms_is_one_conflict() -> None:
-    assert masks(CHAIN, fails("ok", "a3")) == [{1, 2, 3}]
-
-
-def test_an_atom_that_was_seen_cuts_the_chain() -> None:
-    assert masks(CHAIN, fails("ok", "a3"), holds("ok", "a2")) == [{3}]
-
-
-def test_an_atom_that_was_seen_to_fail_derives_nothing() -> None:
-    assert masks(CHAIN, fails("ok", "a3"), fails("ok", "a2")) == [{1, 2}]
-
-
-def test_each_way_of_deriving_is_a_conflict_of_its_own() -> None:
-    two = model(N, [(-1, 5), (-2, 5), (-3, -5, 6)], atoms=ATOMS)
-    assert minimal(masks(two, fails("ok", "a2"))) == {frozenset({1, 3}), frozenset({2, 3})}
-
-
 def test_atoms_that_derive_only_one_another_are_not_derived() -> None:
     circle = model(N, [(-1, -6, 5), (-2, -5, 6)], atoms=ATOMS)
     assert masks(circle, fails("ok", "a1")) == []
     fed = model(N, [(-1, -6, 5), (-2, -5, 6), (-3, 6)], atoms=ATOMS)
     assert masks(fed, fails("ok", "a1")) == [{1, 3}]
-
-
-def test_a_rule_without_conclusion_is_a_conflict_where_its_premises_hold() -> None:
-    goal = model(N, [(-1, -5), (-2, 5)], atoms=ATOMS)
-    assert masks(goal) == [{1, 2}]
-    assert masks(goal, holds("ok", "a1")) == [{1}]
 
 
 def test_those_supposed_healthy_are_no_suspects_and_those_abnormal_derive_nothing() -> None:
@@ -79,28 +54,6 @@ def test_only_horn_rules_with_health_as_a_premise_suit() -> None:
     assert not Derivations.suit(model(N, [(-1, 5, 6)], atoms=ATOMS))
     assert not Derivations.suit(model(N, [(1, 5)], atoms=ATOMS))
     assert not Derivations.suit(replace(CHAIN, circuit=True))
-
-
-def test_too_many_ways_are_left_to_another_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    cnf, seen = ladder(8)  # 256 of them
-    assert len(minimal(masks(cnf, *seen))) == 256
-    expected = make_engine("sat", cnf).diagnose(seen, Options(limit=None))
-    monkeypatch.setattr(derivations, "MAX_ENVIRONMENTS", 100)
-    with pytest.raises(TooManyEnvironments):
-        masks(cnf, *seen)
-    found = make_engine("sat", cnf).diagnose(seen, Options(limit=None))
-    assert found.diagnoses[0].bad
-    assert {d.bad for d in found.diagnoses} == {d.bad for d in expected.diagnoses}
-    assert found.complete
-
-
-def test_as_many_environments_as_are_allowed_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    two = model(N, [(-1, 5), (-2, 5), (-3, -5, 6)], atoms=ATOMS)  # one more for the atom, one for its rule
-    monkeypatch.setattr(derivations, "MAX_ENVIRONMENTS", 2)
-    assert minimal(masks(two, fails("ok", "a2"))) == {frozenset({1, 3}), frozenset({2, 3})}
-    monkeypatch.setattr(derivations, "MAX_ENVIRONMENTS", 1)
-    with pytest.raises(TooManyEnvironments):
-        masks(two, fails("ok", "a2"))
 
 
 @st.composite
@@ -150,20 +103,3 @@ def test_diagnoses_are_the_same_whatever_the_bound(
         result = make_engine("sat", cnf).diagnose(seen, Options(limit=None, timeout_s=None))
     assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
     assert result.complete
-
-
-def test_robots_whose_topics_have_several_publishers_agree_with_reiters_algorithm() -> None:
-    chance = random.Random(3)
-    for _ in range(30):
-        n, atoms = 8, 10
-        clauses: list[Clause] = []
-        for head in range(atoms):
-            for _ in range(chance.randint(1, 2)):  # publishers
-                body = [-(n + 1 + one) for one in chance.sample(range(atoms), chance.randint(0, 2))]
-                clauses.append((-chance.randint(1, n), *body, n + 1 + head))
-        clauses = [clause for clause in clauses if -clause[-1] not in clause]
-        cnf = model(n, clauses, atoms=atoms)
-        seen = [Literal(atom, chance.random() < 0.6) for atom in cnf.atoms if chance.random() < 0.5]
-        options = Options(limit=None, timeout_s=None)
-        one, other = (make_engine(name, cnf).diagnose(seen, options) for name in ("sat", "hs_dag"))
-        assert {d.bad for d in one.diagnoses} == {d.bad for d in other.diagnoses}

@@ -176,20 +176,6 @@ def test_minimum_cardinality_agrees_on_iscas85(name: str, faults: int, seed: int
     assert answers[0] == answers[1] == answers[2]
 
 
-@pytest.mark.parametrize("name", ["sat", "maxsat"])
-def test_the_minimum_beside_what_is_supposed_of_a_circuit(name: str) -> None:
-    made = circuit("c17")
-    observations = made.observe(2, 4)
-    everything = make_engine(name, made.cnf).diagnose(observations, ALL).diagnoses
-    first = everything[0].bad[0]
-    supposed = Options(minimal="cardinality", limit=None, timeout_s=None, abnormal=frozenset({first}))
-    found = {one.bad for one in make_engine(name, made.cnf).diagnose(observations, supposed).diagnoses}
-    explains = {frozenset({first, *one.bad}) for one in everything}
-    least = min(map(len, explains))
-    assert {frozenset(bad) for bad in found} == {bad for bad in explains if len(bad) == least}
-    assert all(len(set(bad)) == len(bad) for bad in found)
-
-
 @pytest.mark.parametrize("name", ["sat", "maxsat", "cda_star"])
 def test_what_is_supposed_abnormal_may_be_too_many_by_itself(name: str) -> None:
     cnf = model(2, [(-1, 3)], priors={"c1": 0.1, "c2": 0.2})
@@ -213,31 +199,6 @@ def test_literals_that_no_rule_mentions_are_named(name: str) -> None:
     result = make_engine(name, circuit("c17").cnf).diagnose([stray])
     assert result.unused == (stray,)
     assert result.healthy
-
-
-@given(
-    st.lists(
-        st.lists(
-            st.sampled_from(
-                [Atom("ok", ("a1",)), Atom("ok", ("a2",)), Atom("ok", ("b",)), Atom("seen", ("a1",))]
-            ),
-            unique=True,
-        ),
-        max_size=6,
-    )
-)
-def test_what_no_rule_mentions_is_told_whenever_it_comes(sets: list[list[Atom]]) -> None:
-    """A reader is quicker as long as every atom is known; the answers are the same."""
-    cnf = model(1, [(-1, 2)], atoms=2)
-    engine = make_engine("sat", cnf)
-    for atoms in sets:
-        result = engine.diagnose([Literal(atom) for atom in atoms])
-        assert [literal.atom for literal in result.unused] == [
-            atom for atom in atoms if atom not in cnf.atoms
-        ]
-        assert result.healthy
-        assert engine.consistent([Literal(atom) for atom in atoms])
-    engine.close()
 
 
 @engines

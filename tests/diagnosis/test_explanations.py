@@ -187,22 +187,6 @@ def test_a_component_explains_what_was_not_expected_and_nothing_else() -> None:
     assert explain_diagnoses(result.diagnoses, result.conflicts) == ["b explains not ok(tb)"]
 
 
-def test_what_another_observation_makes_superfluous_taught_nothing() -> None:
-    rules = ("not ab(jaguar) -> on(jaguar)", "not ab(jaguar_node) and not ab(jaguar) -> ok(odom)")
-    cnf = HealthCnf(
-        name="drive",
-        components=("jaguar", "jaguar_node"),
-        atoms=(Atom("on", ("jaguar",)), Atom("ok", ("odom",))),
-        clauses=((-1, 3), (-2, -1, 4)),
-        origins=(0, 1),
-        rules=tuple(Rule(rule, f"scheme {number}") for number, rule in enumerate(rules, 1)),
-        variables=4,
-    )
-    seen = [fails("on", "jaguar"), fails("ok", "odom")]
-    result = make_engine("sat", cnf).diagnose(seen)
-    assert what_was_learned(result.conflicts) == {"not on(jaguar)": "jaguar is abnormal"}
-
-
 def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:
     conflicts = [conflict("a b", fails("ok", "x")), conflict("b c", fails("ok", "y")), conflict("b d")]
     cleared = clear_suspects([("b",), ("a", "c", "d")], conflicts)

@@ -147,24 +147,6 @@ def test_robots_are_answered_as_by_an_engine(cnf: HealthCnf, data: st.DataObject
     agree(library, data.draw(rows_of(cnf.atoms)), asked)
 
 
-def test_what_was_found_before_is_found_again_in_another_order() -> None:
-    asked = replace(PLAIN, limit=3)
-    library = Library(TEDUSAR, TEDUSAR.atoms, asked)
-    rows = [[fails("ok", "scan")], [fails("ok", "scan"), fails("ok", "odom")], [fails("ok", "odom")]]
-    agree(library, rows, asked)
-    agree(library, rows[::-1], asked)
-    assert library.diagnose(library.code(rows[0]))[0] is library.diagnose(library.code(rows[0]))[0]
-
-
-def test_rows_that_say_the_same_share_their_answer() -> None:
-    library = Library(TEDUSAR, TEDUSAR.atoms, PLAIN)
-    quiet, scan = [holds("ok", "odom")], [fails("ok", "scan")]
-    answers = library.diagnose(np.concatenate([library.code(row) for row in (scan, quiet, scan)]))
-    assert answers[0] is answers[2]
-    assert len(answers.distinct) == 2
-    assert result(library, *quiet).healthy
-
-
 def test_priors_give_probabilities() -> None:
     likely = {"hokuyo_node": 0.04, "hokuyo": 0.01}
     library = Library(
@@ -207,13 +189,6 @@ def test_a_bound_on_time_is_an_answer_and_spoils_no_other() -> None:
     assert result(library, seen[0]).complete
 
 
-def test_a_bound_that_is_over_before_the_search_begins_is_an_answer_too() -> None:
-    cnf, seen = random_triples(200)
-    library = Library(cnf, tuple(literal.atom for literal in seen), replace(PLAIN, timeout_s=1e-9))
-    found = result(library, *seen)
-    assert (found.diagnoses, found.complete, found.stopped_by) == ((), False, "time")
-
-
 def breaking_off(last: int) -> Callable[[Deadline], None]:
     """Return a clock's `check` whose time is up at the last of so many looks."""
     looks = count(1)
@@ -248,15 +223,6 @@ def test_a_search_that_is_broken_off_anywhere_spoils_no_row_that_shares_its_part
     assert last > 3  # it was broken off within the search, too
 
 
-def test_circuits_are_answered_by_the_engine() -> None:
-    cnf = load_text("INPUT(a)\nOUTPUT(c)\nb = NOT(a)\nc = NOT(b)\n", format="bench").cnf
-    library = Library(cnf, cnf.atoms, PLAIN)
-    assert not library.whole
-    seen = [holds("v", "a"), fails("v", "c")]
-    agree(library, [seen, [holds("v", "a")], seen], PLAIN)
-    library.close()
-
-
 def test_what_a_library_cannot_do_is_refused() -> None:
     for asked in (
         Options(),
@@ -278,16 +244,3 @@ def test_the_example_of_the_docs_says_what_it_says(
     monkeypatch.chdir(ROOT)
     exec(compile(code, "docs/diagnosis.md", "exec"), {})
     assert capsys.readouterr().out == told
-
-
-def test_what_is_remembered_is_bounded_by_the_diagnoses_and_answers_stay(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("robomend.diagnosis.library.REMEMBERED_DIAGNOSES", 4)
-    library = Library(TEDUSAR, TEDUSAR.atoms, PLAIN)
-    rows = [[Literal(atom, False)] for atom in TEDUSAR.atoms]
-    for _ in range(2):
-        agree(library, rows, PLAIN)
-    remembered = [answer for answer, _ in library._of_sets.values() if isinstance(answer, DiagnosisResult)]
-    assert len(remembered) == 1 or sum(len(answer.diagnoses) for answer in remembered) <= 4
-    library.close()

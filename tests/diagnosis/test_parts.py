@@ -10,16 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.diagnosis.test_guided import families, minimal_hitting_sets
 
-from robomend.diagnosis import masks
 from robomend.diagnosis.core_guided import MinimumTooLarge
-from robomend.diagnosis.masks import CHECK_EVERY, bits, classes_of, mask_of
+from robomend.diagnosis.masks import classes_of, mask_of
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import (
     IndependentPart,
     independent,
     list_diagnoses,
     minimal,
-    one_of_each,
     smallest,
 )
 from robomend.diagnosis.result import Minimal, Options
@@ -43,23 +41,6 @@ def listed(
 
 def expanded(rows: Sequence[Row]) -> list[int]:
     return [mask_of(v for bad in choice for v in bad) for row in rows for choice in product(*row)]
-
-
-def test_conflicts_without_a_common_component_are_apart() -> None:
-    groups = independent([A | B, C | D, D | E, A])
-    assert sorted(sorted(group) for group in groups) == [[A, A | B], [C | D, D | E]]
-
-
-def test_a_conflict_joins_the_groups_that_it_meets() -> None:
-    assert [sorted(group) for group in independent([A, B, A | B])] == [[A, B, A | B]]
-
-
-@given(families)
-def test_of_conflicts_that_share_nothing_one_of_each_is_taken(family: list[int]) -> None:
-    apart = [group[0] for group in independent(family)]
-    found = one_of_each(apart)
-    assert len(found) == len(set(found))
-    assert set(found) == minimal_hitting_sets(apart)
 
 
 @given(families)
@@ -87,25 +68,6 @@ def test_components_of_one_class_are_in_the_same_conflicts(family: list[int]) ->
         inside = {signature[bit] for bit in signature if one >> bit & 1}
         assert len(inside) == 1
     assert len(classes) == len(set(signature.values()))
-
-
-def test_thousands_of_classes_are_told_apart_conflict_by_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hub that many read, each with two of its own: a conflict meets three classes of all these."""
-    count = 1_000
-    conflicts = [0b11 | 0b11 << 2 * number for number in range(1, count + 1)]
-    met: list[int] = []
-
-    def told(part: int) -> list[int]:
-        met.append(part)
-        return bits(part)
-
-    monkeypatch.setattr(masks, "bits", told)
-    looks: list[None] = []
-    assert sorted(classes_of(conflicts, lambda: looks.append(None))) == [
-        0b11 << 2 * n for n in range(count + 1)
-    ]
-    assert len(met) <= 2 * count  # each split is one of these
-    assert len(looks) >= count // CHECK_EVERY
 
 
 def test_the_clock_ends_telling_classes_apart() -> None:
@@ -182,16 +144,6 @@ def test_where_the_search_has_too_many_nodes_another_goes_on(family: list[int]) 
     answer = SearchState(1_000, Deadline())
     list_diagnoses(parts, 0, Options(limit=1_000), answer, counted=1_000)
     assert sorted(map(mask_of, answer.found)) == sorted(minimal_hitting_sets(family))
-
-
-def test_a_thousand_twofold_parts_are_one_row_with_an_exact_number() -> None:
-    answer = SearchState(10, Deadline())
-    family = [0b11 << (2 * i) for i in range(1_000)]
-    with pytest.raises(LimitReached):
-        list_diagnoses(parts_of(family), 0, Options(limit=10), answer, counted=1_000)
-    assert answer.count == 2**1_000
-    assert [len(row) for row in answer.rows] == [1_000]
-    assert [len(bad) for bad in answer.found] == [1_000] * 10
 
 
 def test_alternatives_of_several_components_are_kept_together() -> None:

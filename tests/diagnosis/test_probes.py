@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import product
 from math import log2
 
 import pytest
@@ -15,7 +14,7 @@ from robomend.diagnosis.probes import Prober, ProbeResult, Value, information
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, StoppedBy
 from robomend.errors import OptionRefused
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.literals import Literal, fails
 
 # c1 is the laser, c2 its driver: a1 scan needs both, a2 power needs c1, a3 the driver's pulse needs c2.
 LASER = model(2, [(-1, -2, 3), (-1, 4), (-2, 5)], atoms=3)
@@ -39,12 +38,6 @@ def next_probes(cnf: HealthCnf, seen: Iterable[Literal], result: DiagnosisResult
         return prober.probes(seen, result)
     finally:
         prober.close()
-
-
-def test_a_point_where_all_agree_tells_nothing_and_an_even_split_one_bit() -> None:
-    assert information([0.5, 0.5], [1, 1]) == 0
-    assert information([0.5, 0.5], [1, 0]) == pytest.approx(1)
-    assert information([0.5, 0.5], [1, -1]) == pytest.approx(0.311278)
 
 
 def test_the_two_parts_of_a_sensor_are_told_apart_by_what_needs_only_one() -> None:
@@ -97,11 +90,6 @@ def test_with_one_diagnosis_or_none_there_is_nothing_to_tell_apart(
     found = next_probes(LASER, SILENT, result)
     assert found.probes == ()
     assert reason in (found.reason or "")
-
-
-def test_probabilities_count() -> None:
-    sure = answer(LASER, ("c1",), ("c2",), c1=0.99, c2=0.01)
-    assert next_probes(LASER, SILENT, sure).probes[0].gain_bits < 0.1
 
 
 def test_bounds_are_felt_and_told() -> None:
@@ -199,12 +187,3 @@ def test_the_gain_is_the_fall_of_entropy(rows: list[list[Value]], data: st.DataO
 
 def entropy(shares: list[float]) -> float:
     return -sum(share * log2(share) for share in shares if share > 0)
-
-
-def test_gains_never_exceed_the_entropy() -> None:
-    outcomes: list[ProbeResult] = []
-    for power, pulse in product((holds, fails), repeat=2):
-        seen = SILENT | {power("ok", "a2"), pulse("ok", "a3")}
-        outcomes.append(next_probes(LASER, seen, BOTH))
-    assert all(probe.gain_bits <= found.entropy_bits for found in outcomes for probe in found.probes)
-    assert Atom("ok", ("a2",)) == POWER

@@ -63,10 +63,3 @@ def test_what_is_too_many_or_not_searched_to_its_end_is_not_multiplied() -> None
     }
     assert Products(names, 8).of([[0b11, 0b110]], begun) is None
     assert Products([*names, *map(str, range(MOST_COMPONENTS))], 8).of([[0b1111]], known) is None
-
-
-def test_parts_that_are_searched_anew_are_looked_at_anew() -> None:
-    products = Products(["a", "b", "c"], 8)
-    assert products.of([[0b11]], searched([0b11])) == [("a",), ("b",)]
-    products.forget()
-    assert products.of([[0b11]], {}) is None

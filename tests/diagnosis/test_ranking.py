@@ -22,7 +22,7 @@ from robomend.diagnosis.ranking import (
     unexplored_mass,
 )
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options
-from robomend.errors import ModelError, OptionRefused
+from robomend.errors import ModelError
 
 NAMES = [f"c{i}" for i in range(1, 6)]
 
@@ -56,13 +56,6 @@ def enumerate_all(family: list[int], priors: dict[str, float]) -> list[int]:
         return next((conflict for conflict in family if not conflict & mask), None)
 
     return list(by_probability(find_conflict, NAMES, priors, Deadline()))
-
-
-def test_the_posterior_is_the_ratio_of_odds() -> None:
-    shares = posterior([("a",), ("b",)], {"a": 0.1, "b": 0.02})
-    assert shares is not None
-    odds = (0.1 / 0.9, 0.02 / 0.98)
-    assert shares == pytest.approx((odds[0] / sum(odds), odds[1] / sum(odds)))
 
 
 def test_without_the_priors_that_matter_there_is_no_probability() -> None:
@@ -153,12 +146,6 @@ def test_rounding_does_not_change_the_order() -> None:
         return next((conflict for conflict in (0b101, 0b110) if not conflict & mask), None)
 
     assert list(by_probability(find_conflict, list(odds), priors, Deadline())) == [0b100, 0b011]
-
-
-def test_a_suspect_without_a_prior_cannot_be_put_in_order() -> None:
-    with pytest.raises(OptionRefused, match="c2 has none"):
-        enumerate_all([0b11], {"c1": 0.1})
-    assert enumerate_all([0b10001], {"c1": 0.1, "c5": 0.2}) == [0b10000, 0b1]
 
 
 def test_what_was_found_before_the_deadline_is_not_lost() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import random
 import threading
 from typing import Any
@@ -51,25 +50,6 @@ def test_an_interrupt_from_another_thread_ends_it(name: str) -> None:
     engine.close()
 
 
-def test_other_threads_run_during_a_long_call() -> None:
-    engine = make_engine("sat", pigeons(12))
-    ticks = 0
-    done = threading.Event()
-
-    def count() -> None:
-        nonlocal ticks
-        while not done.wait(0.01):
-            ticks += 1
-
-    thread = threading.Thread(target=count)
-    thread.start()
-    engine.diagnose([], Options(timeout_s=0.6))
-    done.set()
-    thread.join()
-    engine.close()
-    assert ticks > 3  # a held lock would allow one
-
-
 def test_an_interrupt_while_nothing_runs_does_not_spoil_the_next_call() -> None:
     engine = make_engine("sat", circuit("c17").cnf)
     engine.interrupt()
@@ -110,34 +90,6 @@ def test_reuse_gives_the_same_as_a_fresh_engine(name: str, monkeypatch: pytest.M
             continue
         assert {d.bad for d in engine.diagnose(observations, ALL).diagnoses} == expected
     engine.close()
-
-
-def test_circuits_are_diagnosed_the_same_over_and_over() -> None:
-    engine = make_engine("sat", circuit("c880").cnf)
-    options = Options(minimal="cardinality", limit=None, timeout_s=None, conflicts=False)
-    for seed in range(8):
-        observations = circuit("c880").observe(1 + seed % 4, seed)
-        fewer = frozenset(sorted(observations)[seed:])  # other sensors, and inputs that nobody sees
-        for seen in (observations, fewer):
-            fresh = make_engine("sat", circuit("c880").cnf)
-            assert engine.diagnose(seen, options).count == fresh.diagnose(seen, options).count
-            fresh.close()
-    engine.close()
-
-
-def test_results_pickle() -> None:
-    result = make_engine("sat", circuit("c17").cnf).diagnose(circuit("c17").observe(2, 1))
-    assert pickle.loads(pickle.dumps(result)).diagnoses == result.diagnoses
-
-
-def test_a_model_of_many_faults_does_not_recurse_or_branch_without_end() -> None:
-    count = 600  # each component has an alarm of its own, and all are raised
-    clauses: list[Clause] = [(-i, count + i) for i in range(1, count + 1)]
-    cnf = model(count, clauses, atoms=count)
-    observations = [Literal(atom, False) for atom in cnf.atoms]
-    result = make_engine("sat", cnf).diagnose(observations, Options(timeout_s=20, conflicts=False))
-    assert [len(d.bad) for d in result.diagnoses] == [count]
-    assert result.complete
 
 
 @pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])

@@ -18,25 +18,6 @@ from robomend_client.literals import Literal, fails, holds
 ALL = Options(limit=None, timeout_s=None)
 
 
-@given(systems())
-def test_subset_minimal_diagnoses_are_those_of_the_definition(
-    system: tuple[HealthCnf, frozenset[Literal]],
-) -> None:
-    cnf, observations = system
-    expected = brute_force(cnf, observations)
-    engine = make_engine("sat", cnf)
-    if expected is None:
-        with pytest.raises(ContradictoryModel):
-            engine.diagnose(observations, ALL)
-        return
-    result = engine.diagnose(observations, ALL)
-    assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
-    assert result.complete
-    sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
-    assert sizes == sorted(sizes)
-    assert engine.consistent(observations) == (() in expected)
-
-
 @given(systems(), st.data())
 def test_a_check_does_not_depend_on_the_checks_before(
     system: tuple[HealthCnf, frozenset[Literal]], data: st.DataObject
@@ -63,17 +44,6 @@ def test_a_check_refuses_a_literal_and_its_opposite_whatever_was_checked_before(
             engine.consistent([*seen, holds("nobody", "mentions"), fails("nobody", "mentions")])
         assert engine.consistent([*seen, holds("nobody", "mentions")])
     engine.close()
-
-
-def test_the_conflicts_are_the_same_in_either_order() -> None:
-    cnf = model(3, [(-1, -2, 4), (-3, 5)], atoms=2, priors={"c1": 0.1, "c2": 0.3, "c3": 0.2})
-    seen = [fails("ok", "a1"), fails("ok", "a2")]
-    engine = make_engine("sat", cnf)
-    by_size = engine.diagnose(seen)
-    by_probability = engine.diagnose(seen, Options(order="probability"))
-    assert {one.components for one in by_size.conflicts} == {("c1", "c2"), ("c3",)}
-    assert by_probability.conflicts == by_size.conflicts
-    assert [one.bad for one in by_probability.diagnoses] == [("c2", "c3"), ("c1", "c3")]
 
 
 def test_of_a_supposition_that_cannot_be_only_what_refutes_it_is_told() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -14,16 +13,12 @@ from hypothesis import strategies as st
 from pysat.solvers import Solver
 from tests.diagnosis.systems import brute_force, model, systems
 
-from robomend.diagnosis.conflicts import Conflicts, Known
-from robomend.diagnosis.oracle import Oracle, OutOfTime
 from robomend.diagnosis.result import Options
-from robomend.diagnosis.snapshots import SnapshotEngine, _SnapshotSearch, diagnose_snapshots
+from robomend.diagnosis.snapshots import SnapshotEngine, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
-from robomend.model.loading import load_text
-from robomend_bench.circuit_faults import read_circuit
-from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.literals import Literal, fails, holds
 
 DATA = Path(__file__).parent.parent.parent / "clients/robomend_bench/data/multi_observation"
 
@@ -61,11 +56,6 @@ def test_the_fault_that_explains_both_snapshots_comes_before_two_that_explain_on
     right_dark = frozenset({on, fails("ok", "a2")})
     assert blamed(TWO_LAMPS, [left_dark]) == [("c1",), ("c2",)]
     assert blamed(TWO_LAMPS, [left_dark, right_dark]) == [("c1",), ("c2", "c3")]
-
-
-def test_no_snapshot_and_healthy_snapshots_blame_nothing() -> None:
-    assert blamed(TWO_LAMPS, []) == [()]
-    assert blamed(TWO_LAMPS, [frozenset({holds("ok", "a1")}), frozenset()]) == [()]
 
 
 def test_conflicts_say_what_was_seen_and_healthy_suspects_are_cleared() -> None:
@@ -136,108 +126,6 @@ def test_what_is_listed_is_the_smallest_whichever_of_the_two_searches_comes_firs
         assert least.bad == ("c1", "c2")
 
 
-def snapshots_of(name: str, broken: dict[str, str], count: int) -> tuple[HealthCnf, list[frozenset[Literal]]]:
-    """Return a circuit and what is seen of it while these gates compute something else."""
-    text = (DATA.parent / "iscas85" / f"{name}.bench").read_text()
-    circuit, chance = read_circuit(text), random.Random(1)
-    seen: list[frozenset[Literal]] = []
-    while len(seen) < count:
-        inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
-        values = circuit.simulate(inputs, broken)
-        if any(values[net] != value for net, value in circuit.simulate(inputs, {}).items()):
-            nets = (*circuit.inputs, *circuit.outputs)
-            seen.append(frozenset(Literal(Atom("v", (net,)), values[net]) for net in nets))
-    return load_text(text, name=name, format="bench").cnf, seen
-
-
-def test_of_thousands_of_diagnoses_the_smallest_are_listed() -> None:
-    cnf, seen = snapshots_of("c880", dict.fromkeys(("448gat", "789gat"), "flipped"), 4)
-    doubles = diagnose_snapshots(cnf, seen, Options(max_size=2, limit=None, conflicts=False, timeout_s=None))
-    result = diagnose_snapshots(
-        cnf, seen, Options(limit=len(doubles.diagnoses) + 5, conflicts=False, timeout_s=None)
-    )
-    assert result.stopped_by == "limit"
-    assert {diagnosis.bad for diagnosis in doubles.diagnoses} < {
-        diagnosis.bad for diagnosis in result.diagnoses
-    }
-    assert {len(diagnosis.bad) for diagnosis in result.diagnoses} == {2, 3}
-
-
-def test_that_nothing_more_is_to_come_is_seen_at_one_snapshot(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend.diagnosis.snapshots.HEAD_START_S", 1e9)
-    file = read_wcnf(DATA / "c1908" / "c1908mut1442n.wcnf.gz")  # six gates, any one of which explains all
-    candidates: list[int] = []
-    find_conflict = _SnapshotSearch.find_conflict
-
-    def noted(search: _SnapshotSearch, abnormal: int) -> int | None:
-        candidates.append(abnormal)
-        return find_conflict(search, abnormal)
-
-    monkeypatch.setattr(_SnapshotSearch, "find_conflict", noted)
-    asked = replace(EVERYTHING, conflicts=False, timeout_s=None)
-    found = blamed(file.cnf, list(map(frozenset, file.snapshots)), asked)
-    assert list(map(len, found)) == [1] * 6
-    soon = len(candidates)
-    assert soon < 2 * len(found)  # single gates come first, and then it is known that there is nothing else
-    monkeypatch.setattr(_SnapshotSearch, "was_last", lambda *_: False)
-    candidates.clear()
-    assert blamed(file.cnf, list(map(frozenset, file.snapshots)), asked) == found
-    assert len(candidates) > soon
-
-
-def test_what_a_part_of_a_candidate_explains_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second, count = (1, 2, 3, 4), (5, 6, 7, 8), 9  # of each row one is broken
-    clauses = [(*(-c for c in first), 9), (*(-c for c in second), 10)]
-    cnf = model(8, clauses, atoms=2 + count)
-    bad, good = ("a1", "a2"), ("a2", "a1")
-    seen = [
-        frozenset({fails("ok", bad[n % 2]), holds("ok", good[n % 2]), holds("ok", f"a{3 + n}")})
-        for n in range(count)
-    ]
-    asked = 0
-    sat = Oracle.sat
-
-    def counted(oracle: Oracle, assumptions: list[int]) -> bool:
-        nonlocal asked
-        asked += 1
-        return sat(oracle, assumptions)
-
-    monkeypatch.setattr(Oracle, "sat", counted)
-    pairs = [(f"c{one}", f"c{other}") for one in first for other in second]
-    assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
-    fewer, asked = asked, 0
-    monkeypatch.setattr("robomend.diagnosis.snapshots.MOST_PARTS", 0)
-    assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
-    assert asked > fewer + count
-
-
-def test_without_a_limit_the_most_that_any_search_lists_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_DIAGNOSES", 1)
-    dark = frozenset({holds("ok", "a3"), fails("ok", "a1")})
-    assert len(diagnose_snapshots(TWO_LAMPS, [dark], Options(limit=2)).diagnoses) == 2
-    result = diagnose_snapshots(TWO_LAMPS, [dark], EVERYTHING)
-    assert len(result.diagnoses) == 1
-    assert (result.complete, result.stopped_by, result.count) == (False, "limit", None)
-
-
-def test_of_many_conflicts_those_are_told_that_the_first_diagnoses_need(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    file = read_wcnf(DATA / "c432" / "c432mut267p.wcnf.gz")
-    every = diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING)
-    first = set(every.diagnoses[0].bad)
-    assert len(every.conflicts) > len(first) + 1
-    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_CONFLICTS", len(first) + 1)
-    monkeypatch.setattr("robomend.diagnosis.snapshots.JUSTIFIED", 1)
-    some = diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING)
-    assert some.diagnoses[0].bad == every.diagnoses[0].bad
-    alone = [set(conflict.components) & first for conflict in some.conflicts]
-    assert sorted(map(len, alone)) == [1] * len(first)
-    assert set().union(*alone) == first
-    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_CONFLICTS", 1)
-    assert len(diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING).conflicts) == 1
-
-
 @pytest.mark.parametrize("calls", [0, 3, 1_000])
 def test_told_conflicts_are_minimal_however_large_those_of_the_search_are(
     calls: int, monkeypatch: pytest.MonkeyPatch
@@ -257,33 +145,6 @@ def test_told_conflicts_are_minimal_however_large_those_of_the_search_are(
             assert not solver.solve([*healthy, *rests_on])
             for needed in healthy:
                 assert solver.solve([*(other for other in healthy if other != needed), *rests_on])
-
-
-def test_a_told_conflict_rests_on_no_more_than_it_must_if_there_is_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    file = read_wcnf(DATA / "c432" / "c432mut285p.wcnf.gz")
-    cnf, seen, asked = file.cnf, file.snapshots, Options(timeout_s=None)
-    conflicts = diagnose_snapshots(cnf, seen, asked).conflicts
-    assert conflicts
-    with Solver("minisat22", bootstrap_with=cnf.clauses) as solver:
-        for conflict in conflicts:
-            healthy = [cnf.health[component] for component in conflict.components]
-            rests_on = [number for one in conflict.observations if (number := cnf.literal(one)) is not None]
-            assert not solver.solve([*healthy, *rests_on])
-            for number in rests_on:
-                assert solver.solve([*healthy, *(other for other in rests_on if other != number)])
-
-    def too_late(*arguments: object, **named: object) -> Known:
-        if not named.get("components_only"):
-            raise OutOfTime
-        return minimise(*arguments, **named)  # type: ignore[arg-type]  # as it was called
-
-    minimise = Conflicts.minimise
-    monkeypatch.setattr(Conflicts, "minimise", too_late)
-    hurried = diagnose_snapshots(cnf, seen, asked).conflicts
-    assert [conflict.components for conflict in hurried] == [conflict.components for conflict in conflicts]
-    assert sum(len(one.observations) for one in hurried) > sum(len(one.observations) for one in conflicts)
 
 
 def test_assumed_health_is_honoured() -> None:

@@ -130,24 +130,6 @@ def counted(robot: DrilledRobot) -> list[str]:
     return sorted(line for line in text.splitlines() if line.startswith("robomend_repair_changes_total"))
 
 
-def test_repairs_that_do_not_help_against_a_planted_fault_put_nothing_into_quarantine(
-    robot: DrilledRobot,
-) -> None:
-    """The bus loses the topic whatever is restarted."""
-    before = counted(robot)
-    drill = robot.start_drill("topic-dropped", "lidar_node", bound_s=12.0, topic="scan")
-    ended = robot.ended(drill["id"])
-    assert ended["undone"], ended
-    assert ended["seen"]["acts"]
-    assert ended["seen"]["repaired_s"] is None
-    with robot.client as client:
-        assert client.quarantine("r1") == {}
-        [repair] = client.repairs("r1", limit=1)["items"]
-        past = client.history("r1", kind="repair", limit=1)["items"]
-    assert repair["drill"] == past[0]["data"]["drill"] == drill["id"]
-    assert counted(robot) == before
-
-
 def test_each_state_of_a_drill_is_an_event_and_an_entry_of_the_audit_log(robot: DrilledRobot) -> None:
     drill = robot.start_drill("node-killed", "mapping")
     robot.ended(drill["id"])

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robomend.drills.score import compared, name_of, passed, report, scored
+from robomend.drills.score import compared, passed, report, scored
 
 PLANNED = {
     "kind": "node-killed",
@@ -57,26 +57,6 @@ def test_an_outcome_has_the_words_of_a_promise_and_keeps_it_or_not(
     assert worst["kept"]
 
 
-def test_where_nobody_is_at_fault_whoever_blames_somebody_is_worse() -> None:
-    line = {**PLANNED, "kind": "board-mute", "component": None, "promise": "unseen", "shows": []}
-    assert scored(line, drilled(detected_s=None, diagnoses=[]))["kept"]
-    blamed = scored(line, drilled())
-    assert (blamed["outcome"], blamed["kept"]) == ("missed", False)
-    assert blamed["look_at"]
-    low = {**line, "kind": "board-brown-out", "promise": "missed"}
-    assert scored(low, drilled())["kept"]
-
-
-def test_the_faults_of_two_topics_of_one_node_are_two() -> None:
-    dropped = [{**PLANNED, "kind": "topic-dropped", "topic": topic} for topic in ("scan", "info")]
-    rows = [scored(one, drilled()) for one in dropped]
-    assert [name_of(one) for one in rows] == ["topic-dropped:scan", "topic-dropped:info"]
-    last = report("r1", [rows[0], scored(dropped[1], drilled(diagnoses=[["lidar"]]))], complete=True)
-    assert compared(report("r1", rows, complete=True), last)["better"] == [
-        "topic-dropped:info: was missed, is told"
-    ]
-
-
 def test_the_observer_to_look_at_is_named_with_its_agent() -> None:
     planned = {**PLANNED, "observers": {"ok(scan)": "agent onboard"}}
     [what] = scored(planned, drilled(diagnoses=[["lidar"]], showed={"not running(driver)": 0.1}))["look_at"]
@@ -106,10 +86,6 @@ def test_worse_than_promised_names_the_rules_that_did_not_predict_what_was_seen(
     assert "--isolability" in what
 
 
-def test_a_promise_that_is_kept_has_nothing_to_look_at() -> None:
-    assert row(showed={})["look_at"] == []
-
-
 def test_a_drill_that_was_cut_short_says_nothing_and_does_not_pass() -> None:
     cut = {**drilled(), "state": "cancelled", "cut_short": "the agent is gone"}
     rows = [row(), scored(PLANNED, cut), scored(PLANNED, None, "the robot is in use")]
@@ -119,21 +95,6 @@ def test_a_drill_that_was_cut_short_says_nothing_and_does_not_pass() -> None:
     assert (told["totals"]["faults"], told["totals"]["watched"]) == (3, 1)
     assert not passed(told)
     assert passed(report("r1", rows[:1], complete=True))
-
-
-def test_what_is_not_undone_or_left_unhealthy_does_not_pass() -> None:
-    for changes in ({"undone": False}, {"state": "failed", "reason": "it is undone, and not healthy"}):
-        told = report("r1", [scored(PLANNED, {**drilled(), **changes})], complete=True)
-        assert not passed(told), changes
-
-
-def test_the_figures_are_counts_and_medians() -> None:
-    rows = [row(), row(detected_s=1.5, repaired_s=None, acts=["a", "b"], needless=["b"])]
-    rows.append(scored({**PLANNED, "promise": "unseen"}, drilled(detected_s=None, repaired_s=None, acts=[])))
-    sums = report("r1", rows, complete=True)["totals"]
-    assert (sums["detected"], sums["told"], sums["promised_told"], sums["promised_and_told"]) == (2, 2, 2, 2)
-    assert (sums["repaired"], sums["acts"], sums["needless"]) == (1, 3, 1)
-    assert (sums["detected_s"], sums["repaired_s"]) == (1.0, 1.5)
 
 
 def against(then: dict[str, Any], now: dict[str, Any]) -> dict[str, list[str]]:

@@ -37,20 +37,12 @@ SUBSET = ["--heuristic=Domain", "--dom-mod=5,16", "--enum-mode=domRec", "--proje
 MINIMUM = ["--opt-mode=optN", "--project=show"]
 
 
-def test_the_empty_answer_set_means_healthy() -> None:
-    assert diagnoses(SUBSET, [], {4: True, 5: True}) == [[]]
-
-
 def test_both_lamps_dark_is_the_battery_or_both_lamps() -> None:
     assert diagnoses(SUBSET, [], {4: False, 5: False}) == [[1], [2, 3]]
 
 
 def test_minimum_keeps_the_common_cause() -> None:
     assert diagnoses(MINIMUM, ["minimum"], {4: False, 5: False}) == [[1]]
-
-
-def test_the_bound_leaves_out_larger_ones() -> None:
-    assert diagnoses(SUBSET, [], {4: False, 5: False}, bound=1) == [[1]]
 
 
 def test_what_is_supposed_is_an_assumption_too() -> None:

@@ -45,25 +45,6 @@ def dijkstra(problem: Part) -> float | None:
     return None
 
 
-def test_a_longer_plan_is_found_when_it_is_cheaper() -> None:
-    problem = part("0", "3", action("0", "3", cost=10), action("0", "1"), action("1", "2"), action("2", "3"))
-    answer = AspPlanner().solve(problem, 10)
-    assert answer.actions == (1, 2, 3)
-    assert answer.cheapest
-
-
-def test_actions_of_one_step_do_not_destroy_what_the_others_need() -> None:
-    """Each of two actions destroys what the other needs; only one order of three works."""
-    problem = part("01", "23", action("0", "2", "1"), action("1", "3", "0"), action("2", "1"))
-    answer = AspPlanner().solve(problem, 10)
-    assert achieves(problem, answer.actions)
-    assert answer.actions == (0, 2, 1)
-
-
-def test_there_is_no_plan_in_the_relaxed_world() -> None:
-    assert AspPlanner().solve(part("0", "4", action("0", "1")), 10).outcome is Outcome.UNSOLVABLE
-
-
 def test_there_is_no_plan_although_the_relaxed_world_has_one() -> None:
     """Each goal costs the other its only support."""
     problem = part("0", "12", action("0", "1", "0"), action("0", "2", "0"))

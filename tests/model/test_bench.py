@@ -95,18 +95,6 @@ def test_flip_flops_are_cut() -> None:
     assert cnf.outputs == (Atom("v", ("z",)),)
 
 
-def test_a_net_may_be_input_and_output_at_once() -> None:
-    cnf = circuit("INPUT(a)\nOUTPUT(a)\nOUTPUT(z)\nz = NOT(a)").cnf
-    assert Atom("v", ("a",)) in cnf.inputs
-    assert Atom("v", ("a",)) in cnf.outputs
-
-
-def test_idle_nets_are_mentioned() -> None:
-    system = circuit("INPUT(a)\nINPUT(b)\nOUTPUT(z)\nz = NOT(a)\ny = NOT(a)")
-    assert system.warnings == ("nothing reads b, y, and no output shows it",)
-    assert system.vocabulary.declares(Atom("v", ("b",)))
-
-
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

@@ -35,10 +35,6 @@ def test_rules_that_no_healthy_robot_fulfils_are_named() -> None:
     assert warning.endswith("not ab(base) -> on(base) (scheme 1, line 2); not on(base) (user rule 1, line 5)")
 
 
-def test_rules_that_a_healthy_robot_fulfils_are_no_contradiction() -> None:
-    assert doubts("ab(base) -> not on(base)", "ok(odom) -> on(base)") == []
-
-
 IDLE = """\
 robomend: 1
 hardware:

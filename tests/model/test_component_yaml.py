@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pytest
@@ -11,12 +10,11 @@ from hypothesis import strategies as st
 from tests.examples import examples
 
 from robomend.errors import ModelError
-from robomend.model import component_yaml
 from robomend.model.components import Component
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 from robomend_client.literals import Atom
-from robomend_client.yaml_tree import MAX_NESTING, read_tree
+from robomend_client.yaml_tree import MAX_NESTING
 
 FULL = """\
 robomend: 1
@@ -198,15 +196,6 @@ def test_a_character_that_yaml_never_takes_is_refused_with_its_line(character: s
     assert caught.value.line == 3
 
 
-def test_an_entry_with_nothing_behind_it_has_every_default() -> None:
-    text = "robomend: 1\nhardware:\n  imu: {}\nnodes:\n  driver: {drives: [imu]}\n  planner: {}\n"
-    assert load_text(text.replace(" {}", "")).parts == load_text(text).parts
-
-
-def test_json_is_read_as_well() -> None:
-    assert load_text('{"robomend": 1, "nodes": {"a": {"publishes": {"t": []}}}}').cnf.components == ("a",)
-
-
 @given(st.text(alphabet="robmend: 1\nhawcl{}[],&*!|>-'\"#?%@\t0x", max_size=80) | st.text(max_size=40))
 @examples(300)
 def test_garbage_raises_model_errors_only(text: str) -> None:
@@ -254,18 +243,3 @@ class Door(Component):
     floor: int | None = None
     opens: tuple[str, ...] = ()
     locked: bool = False
-
-
-def test_components_of_an_added_kind_have_the_keys_of_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(component_yaml, "OTHER_KINDS", (Door,))
-    monkeypatch.setattr(component_yaml, "MODEL_KEYS", (*component_yaml.MODEL_KEYS, "doors"))
-
-    def doors(text: str) -> Iterable[object]:
-        return component_yaml.read_model(read_tree(f"robomend: 1\ndoors: {text}\n")).others["doors"].values()
-
-    assert list(doors("{front: {floor: 2, opens: [hall, yard], prior: 0.1}, back: {locked: true}}")) == [
-        Door("front", floor=2, opens=("hall", "yard"), prior=0.1, line=2),
-        Door("back", locked=True, line=2),
-    ]
-    with pytest.raises(ModelError, match="flor"):
-        doors("{front: {flor: 2}}")

@@ -63,21 +63,10 @@ def test_observations_may_use_the_files_own_prefix() -> None:
     assert parse("con(yaw)", vocabulary) == (holds("const", "yaw"),)
 
 
-def test_component_names_are_whole_names() -> None:
-    found = load_text('ab: AB\nnab: NAB\nneg_prefix: not_\nprops: []\nrules: ["NAB(laser),NAB(laser2)->p"]')
-    assert found.cnf.components == ("laser", "laser2")
-    assert found.cnf.atoms == (Atom("p"),)
-
-
 def test_a_name_in_quotes_is_meant_as_it_stands() -> None:
     rules = """['NAB(c)->"/p"', 'NAB(c)->/q("a b")']"""
     found = load_text(f"ab: AB\nnab: NAB\nneg_prefix: not_\nprops: []\nrules: {rules}")
     assert found.cnf.atoms == (Atom("/p"), Atom("q", ("a b",)))
-
-
-def test_a_listed_proposition_that_looks_negated_is_itself() -> None:
-    found = load_text('ab: AB\nnab: NAB\nneg_prefix: no\nprops: [north, p]\nrules: ["NAB(c),north->nop"]')
-    assert clauses(found.cnf) == [{"ab(c)", "not north", "not p"}]
 
 
 @pytest.mark.parametrize(

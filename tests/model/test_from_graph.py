@@ -75,17 +75,6 @@ def test_the_model_of_a_small_robot() -> None:
     assert model_from_graph(ROBOT, "tedusar", "the master at http://localhost:11311") == MODEL
 
 
-def test_what_is_written_is_a_model_that_finds_the_fault() -> None:
-    system = load_text(MODEL)
-    assert sorted(system.cnf.components) == ["hector_mapping", "hokuyo_node", "robot_state_publisher"]
-    assert system.name == "tedusar"
-
-
-def test_rates_that_were_measured_are_in_it() -> None:
-    graph = RosGraph({"/scan": frozenset({"/laser"})}, rates_hz={"/scan": 39.96})
-    assert "\n  scan: {rate_hz: 40, tolerance_hz: 4}\n" in model_from_graph(graph, "r", "a bag")
-
-
 def test_a_graph_without_a_node_of_the_robots_own_is_refused() -> None:
     graph = RosGraph({"/rosout": frozenset({"/rosout"})})
     with pytest.raises(InputError, match="nowhere: there is no node of the robot's own, of 1"):
@@ -191,12 +180,6 @@ def test_the_bounds_are_those_of_the_plain_rule(rate_hz: float, gap_s: float) ->
     assert found.silence_s == pytest.approx(max(1, 10 / topic.rate_hz, 3 * topic.longest_s))
     assert found.tolerance_hz >= 0.4 * topic.rate_hz * 0.999
     Rate(found.rate_hz, found.tolerance_hz, found.window, found.silence_s, settle=found.settle)
-
-
-def test_an_output_that_goes_on_without_an_input_does_not_rest_on_it() -> None:
-    pauses = Ear([*came(10, 20).stamps, *came(10, 20, first_s=40).stamps]).heard()
-    assert rests(pauses, came(10)) is False
-    assert rests(came(10), came(10)) is None
 
 
 def test_an_output_whose_intervals_are_those_of_an_input_follows_it() -> None:
@@ -307,14 +290,6 @@ def test_who_ended_or_looks_on_or_is_of_ros_itself_is_no_part_of_the_robot() -> 
 )
 def test_a_name_that_is_another_at_each_start_is_one_node(name: str, stays: str) -> None:
     assert lasting_name(name) == stays
-
-
-def test_five_hundred_nodes_are_a_model() -> None:
-    nodes: dict[str, tuple[list[str], list[str]]] = {
-        f"/n{n}": ([f"/t{n}", f"/u{n}"], [f"/t{n - 1}"]) for n in range(500)
-    }
-    made = first_model(heard({f"/t{n}": came(10, 10, first_s=50) for n in range(500)}, nodes), "fleet")
-    assert len(load_text(made.text).cnf.components) == 500
 
 
 def test_remedies_that_nodes_offer_stand_commented_out_and_hold_once_they_do_not() -> None:

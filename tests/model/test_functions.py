@@ -75,14 +75,6 @@ def test_what_is_active_is_observed_and_only_of_the_functions_own_variants() -> 
     assert parse("sees", vocabulary)  # what a condition speaks of is declared by it
 
 
-def test_rules_may_speak_of_what_is_active() -> None:
-    rule = "forall f in functions, v in variants where has_variant(f, v): active(f, v) -> ok(visibility)"
-    system = load_text(f"{ROBOT}rules: ['{rule}', 'active(altitude, high) -> ok(image)']\n")
-    assert Atom("active", ("search", "wide")) in system.cnf.atoms
-    with pytest.raises(ModelError, match="no variant is named hihg"):
-        load_text(f"{ROBOT}rules: ['active(altitude, hihg) -> ok(image)']\n")
-
-
 def test_a_model_without_functions_has_no_such_word_and_the_same_clauses() -> None:
     without = ROBOT.partition("functions:")[0]
     plain, whole = load_text(without), load_text(ROBOT)

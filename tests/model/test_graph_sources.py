@@ -192,15 +192,6 @@ def test_sources_are_put_on_top_of_each_other(tmp_path: Path, capsys: pytest.Cap
     assert "of which node does the status 'charger' speak?" in text
 
 
-def test_analyzers_alone_say_which_statuses_there_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["model", "from-ros", "--analyzers", _files(tmp_path)["analyzers"]]) == 0
-    system = load_text(capsys.readouterr().out)
-    assert set(system.cnf.components) == {"Laser", "IMU", "Power"}
-    assert {str(atom) for atom in system.cnf.atoms} >= {"ok(laser)", "ok(charger)"}
-
-
 def test_what_a_launch_file_includes_is_looked_for_beside_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

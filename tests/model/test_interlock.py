@@ -49,12 +49,6 @@ def test_what_is_observed_permits_and_its_opposite_or_silence_forbids() -> None:
     )
 
 
-def test_what_decides_a_sentence_is_enough() -> None:
-    assert why_not("ok(parked) or not ok(moving)", parked=True) is None
-    assert why_not("forall p in properties: ok(p)", parked=True, moving=True) is None
-    assert why_not("exists p in properties: ok(p)", moving=True) is None
-
-
 @pytest.mark.parametrize(
     "sentence",
     ["a and b", "a or b", "a -> b", "a <-> b", "not a", "not (a or not b)", "(a -> b) and (b -> a) or false"],

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
-from robomend.model.checking import check
 from robomend.model.compiling import compile_robot
 from robomend.model.components import ComponentModel, Node, Topic
 from robomend.model.loading import load_text
@@ -72,24 +71,6 @@ def test_a_circle_was_up_when_all_that_is_known_of_it_was_seen_ok() -> None:
     assert not loop.was_up([state, cmd], {state})
     assert loop.was_up([state], {state})
     assert loop.was_up([state, cmd], {state, cmd})
-
-
-def test_a_node_that_rests_on_itself_is_a_circle_and_a_driver_whose_inputs_do_not_matter_is_none() -> None:
-    own = load_text("robomend: 1\nnodes: {a: {publishes: {t: [t]}}}")
-    assert [loop.topics for loop in own.loops] == [("t",)]
-    assert bad_of(up(own), (fails("ok", "t"),)) == {("a",)}
-    chain = load_text("robomend: 1\nnodes: {a: {publishes: {t: []}}, b: {publishes: {u: [t]}}}")
-    assert chain.loops == ()
-
-
-def test_a_check_names_circles_within_circles() -> None:
-    nested = load_text(
-        "robomend: 1\nnodes:\n  a: {publishes: {t: [u, v]}}\n"
-        "  b: {publishes: {u: [t]}}\n  c: {publishes: {v: [t]}}\n"
-    )
-    assert [loop.nested for loop in nested.loops] == [True]
-    assert any("topics t, u, v need each other in more than one circle" in said for said in check(nested))
-    assert not any("more than one circle" in said for said in check(LOOP))
 
 
 @st.composite

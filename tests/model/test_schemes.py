@@ -168,26 +168,6 @@ def test_power_is_a_chain_and_who_gets_none_is_not_to_blame() -> None:
     }
 
 
-def test_two_publishers_give_two_clauses_and_a_warning() -> None:
-    system = load_text("robomend: 1\nnodes: {a: {publishes: {t: []}}, b: {publishes: {t: []}}}")
-    assert {clause("ab(a)", "ok(t)"), clause("ab(b)", "ok(t)")} <= set(words(system.cnf))
-    assert any("2 publishers (a, b)" in warning for warning in system.warnings)
-
-
-def test_cycles_of_topics_are_fine() -> None:
-    found = clauses("nodes: {a: {publishes: {t: [u]}}, b: {publishes: {u: [t]}}}")
-    assert {clause("ab(a)", "not ok(u)", "ok(t)"), clause("ab(b)", "not ok(t)", "ok(u)")} <= found
-
-
-@pytest.mark.parametrize("order", ["[[x, y]]", "[[y, x]]", "[[x, y], [y, x]]"])
-def test_related_values_give_one_clause_whatever_their_order(order: str) -> None:
-    found = load_text(
-        "robomend: 1\nnodes: {a: {publishes: {t: []}}, b: {publishes: {u: []}}}\n"
-        f"values: {{x: {{topic: t, field: f}}, y: {{topic: u, field: f}}}}\nrelated: {order}"
-    ).cnf
-    assert words(found).count(clause("ab(a)", "ab(b)", "matched(x,y)")) == 1
-
-
 LOADED = """
 hardware: {pc: {computer: true}, cam: {channel: 1}}
 nodes:
@@ -214,10 +194,3 @@ def test_what_is_late_on_an_overloaded_computer_is_the_fault_of_the_computer(
     observed = [literal for text in seen for literal in parse(text, system.vocabulary)]
     found = make_engine("sat", system.cnf).diagnose(observed)
     assert {frozenset(one.bad) for one in found.diagnoses} == {frozenset(one) for one in blamed}
-
-
-def test_without_a_computer_a_host_changes_no_clause() -> None:
-    bare = LOADED.replace("{computer: true}", "{}")
-    without = bare.replace(", host: pc", "").replace(", host: other", "")
-    one, other = (load_text("robomend: 1\nname: r\n" + text).cnf for text in (bare, without))
-    assert one.clauses == other.clauses

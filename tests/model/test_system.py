@@ -22,15 +22,6 @@ EITHER = read_assertion("said", "ok(t) or ok(u)", ROBOT.vocabulary)
 BOTH = read_assertion("said", "ok(t) and ok(u)", ROBOT.vocabulary)
 
 
-def test_an_extended_system_differs_in_its_clauses_only() -> None:
-    more = ROBOT.extended([EITHER], ["a"])
-    assert replace(more, cnf=ROBOT.cnf) == ROBOT
-    assert [rule.text for rule in more.cnf.rules][-1] == "ok(t) or ok(u)"
-    # One more; neither that a runs nor that it publishes is expected.
-    assert len(more.cnf.clauses) == len(ROBOT.cnf.clauses) - 1
-    assert ROBOT.extended() is ROBOT
-
-
 def test_what_travels_to_a_worker_arrives_whole() -> None:
     there = pickle.loads(pickle.dumps(ROBOT.extended([EITHER])))
     assert there == ROBOT.extended([EITHER])

@@ -53,12 +53,6 @@ def test_has_the_eighteen_clauses_of_the_paper() -> None:
     assert [{cnf.word(literal) for literal in clause} for clause in cnf.clauses] == CLAUSES
 
 
-def test_every_clause_knows_the_scheme_that_it_came_from() -> None:
-    cnf = load_model(resource("examples", "tedusar.yaml")).cnf
-    rules = [cnf.rules[origin] for origin in cnf.origins]
-    assert [(rule.source, rule.text) for rule in rules] == RULES
-
-
 def test_has_fourteen_components_and_no_doubts() -> None:
     system = load_model(resource("examples", "tedusar.yaml"))
     assert system.cnf.components == (

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import pickle
-
 import pytest
 
 from robomend.errors import ObservationError
-from robomend.model.vocabulary import Vocabulary, for_robot
-from robomend.observations.language import parse
+from robomend.model.vocabulary import for_robot
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ROBOT = for_robot(
@@ -80,11 +77,3 @@ def test_undeclared_literals_are_refused_with_a_hint(literal: Literal, message: 
         ROBOT.check(literal, "the sentence", 4)
     assert message in str(caught.value)
     assert (caught.value.sentence, caught.value.position) == ("the sentence", 4)
-
-
-def test_the_cache_is_not_pickled_and_equality_ignores_it() -> None:
-    used = Vocabulary(ROBOT.sorts, ROBOT.predicates, ROBOT.atoms)
-    parse("ok(odom)", used)
-    back = pickle.loads(pickle.dumps(used))
-    assert back == used == ROBOT
-    assert "cache" not in vars(back)

@@ -105,11 +105,6 @@ def test_the_robots_configuration_says_who_is_believed(
     assert names(obs, 8.1) == [(["a"], ["b"], who)]  # it is a finding all the same
 
 
-def test_who_is_believed_counts_only_where_sources_contradict_each_other() -> None:
-    obs = after(said("a", True, 1), said("b", False, 2, 1.5, 1.5), belief=Belief(("a",)))
-    assert known(obs, 2) is False
-
-
 def test_one_that_is_later_contradicts_nobody() -> None:
     """a needs longer than b to see that the topic is silent, and that it is back."""
     obs = after(said("a", True, 9.8, 9.0, 0), said("b", True, 9.9, 9.4, 0))
@@ -154,37 +149,6 @@ def test_sources_without_lifetimes_contradict_each_other_while_they_repeat_thems
     assert names(obs, 60) == []
     obs.update([said("b", False, 30, 29.9, 1, None)])  # nobody has heard a for a long time
     assert known(obs, 30) is False
-
-
-def test_one_that_died_contradicts_nobody() -> None:
-    obs = after(*BOTH)
-    assert names(obs, 12.6) == []  # b's word is over
-    obs.update([said("a", True, 14, 13.5, 0)])
-    assert known(obs, 14) is True
-    assert not obs.several or len(obs.entries()[0].by_source) <= 2
-
-
-def test_what_a_source_knows_no_more_is_known_by_the_others() -> None:
-    obs = after(*BOTH)
-    left = obs.retract([(SCAN, "a")])
-    assert [entry.literal for entry in left.changed] == [Literal(SCAN, False)]
-    assert (left.renewed, left.gone) == ([], [])
-    assert known(obs, 8) is False
-    assert obs.retract([(SCAN, "b")]).gone == [SCAN]
-    assert obs.get(SCAN) is None
-
-
-def test_the_word_of_a_source_that_does_not_count_goes_without_news() -> None:
-    obs = after(said("a", True, 1, 0.5, 0), said("b", True, 2, 1.5, 0))
-    left = obs.retract([(SCAN, "a")])
-    assert (left.changed, left.gone) == ([], [])
-    assert [entry.source for entry in left.renewed] == ["b"]
-    assert not obs.several
-
-
-def test_what_one_said_once_does_not_come_back() -> None:
-    obs = after(said("person", False, 1, lifetime_s=None), said("a", True, 2, 1.5, 1.5))
-    assert obs.retract([(SCAN, "a")]).gone == [SCAN]
 
 
 def test_an_opposite_word_that_may_be_late_is_doubt() -> None:

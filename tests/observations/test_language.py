@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from robomend.errors import ObservationError
 from robomend.model.loading import load_text
 from robomend.model.sentences import MAX_LENGTH
-from robomend.model.vocabulary import Vocabulary, for_robot
-from robomend.observations import language
-from robomend.observations.language import Assertion, Unknown, parse, read, read_assertion, says_literals
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import Assertion, Unknown, parse, read, read_assertion
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ROBOT = load_text(
@@ -92,20 +91,6 @@ def test_complains_with_the_place(sentence: str, position: int, message: str) ->
     assert (caught.value.sentence, caught.value.position) == (sentence, position)
 
 
-def test_what_is_no_string_is_refused() -> None:
-    for value in (3, None, ["ok(odom)"], {"ok": "odom"}):
-        with pytest.raises(ObservationError, match="is a string"):
-            parse(value, ROBOT)  # type: ignore[arg-type]  # as JSON may hold it
-
-
-def test_keeps_undeclared_names_when_asked() -> None:
-    assert parse("not ok(/nowhere)", ROBOT, unknown="keep") == (fails("ok", "nowhere"),)
-    with pytest.raises(ObservationError):
-        parse("not ok(/nowhere)", ROBOT)
-    with pytest.raises(ObservationError, match="diagnosis decides"):
-        parse("ab(base)", ROBOT, unknown="keep")
-
-
 def test_length_and_depth_have_limits() -> None:
     for sentence in ("ok(odom)" + " " * MAX_LENGTH, "not " * 200 + "ok(odom)", "(" * 1000, "((" * 200 + "x"):
         with pytest.raises(ObservationError, match=r"characters|deeper"):
@@ -116,14 +101,6 @@ def test_length_and_depth_have_limits() -> None:
 def test_what_is_no_text_is_refused_as_that(sentence: object) -> None:
     with pytest.raises(ObservationError, match=f"is a string, not {type(sentence).__name__}"):
         read(sentence, ROBOT, name="a1")  # type: ignore[arg-type]  # what JSON may hold
-
-
-def test_the_cache_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(language, "CACHED", 10)
-    vocabulary = for_robot(topics=("odom",))
-    for spaces in range(25):
-        parse("ok(odom)" + " " * spaces, vocabulary)
-    assert len(vocabulary.cache[0]) <= 10
 
 
 def test_a_rich_sentence_is_an_assertion_and_a_plain_one_is_literals() -> None:
@@ -168,11 +145,3 @@ def test_garbage_raises_observation_errors_only(sentence: str) -> None:
         except ObservationError as error:
             place = error.position
         assert 0 <= place <= len(sentence)
-
-
-def test_a_sentence_says_literals_before_and_after_it_was_read_or_says_more() -> None:
-    vocabulary = for_robot(topics=("odom", "map"))
-    for _ in range(2):
-        assert says_literals("ok(odom) and not ok(map)", vocabulary)
-        parse("ok(odom) and not ok(map)", vocabulary)
-    assert not says_literals("ok(odom) or ok(map)", vocabulary)

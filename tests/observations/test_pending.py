@@ -7,7 +7,6 @@ from robomend.observations.pending import (
     SLACK_NS,
     LastHeard,
     first_fallen,
-    newest_onset,
     pending,
     returning,
     starting,
@@ -21,12 +20,6 @@ SCAN, MAP, ODOM = (Atom("ok", (topic,)) for topic in ("scan", "map", "odom"))
 
 def bad(atom: Atom, *, time: int, since: int | None = None, onset: int | None = None) -> Entry:
     return Entry(Literal(atom, False), "general", time, None, since, onset)
-
-
-def test_the_newest_onset_is_that_of_the_symptom_that_began_last() -> None:
-    said = [bad(SCAN, time=10 * S, onset=7 * S), bad(MAP, time=11 * S, since=8 * S), bad(ODOM, time=6 * S)]
-    assert newest_onset(said) == 8 * S
-    assert newest_onset([Entry(Literal(SCAN), "general", 9 * S)]) is None
 
 
 def test_what_fell_after_a_topic_that_it_rests_on_does_not_begin_the_waiting_anew() -> None:
@@ -43,18 +36,6 @@ def test_what_fell_after_a_topic_that_it_rests_on_does_not_begin_the_waiting_ane
     assert first(late, map_) == [map_]
     assert first(scan, map_, odom, ended) == [scan, odom, ended]
     assert first(bad(SCAN, time=9 * S), map_) == [bad(SCAN, time=9 * S), map_]  # nobody knows when it fell
-
-
-def test_in_a_circle_of_topics_the_first_to_fall_counts_and_of_equal_ones_each() -> None:
-    needs = {"scan": ("scan", "map"), "map": ("scan", "map")}
-
-    def first(scan_s: int, map_s: int) -> list[Atom]:
-        symptoms = [bad(SCAN, time=9 * S, onset=scan_s * S), bad(MAP, time=9 * S, onset=map_s * S)]
-        return [entry.atom for entry in first_fallen(symptoms, lambda _: needs)]
-
-    assert first(5, 6) == [SCAN]
-    assert first(6, 5) == [MAP]
-    assert first(5, 5) == [SCAN, MAP]
 
 
 def test_a_verdict_is_pending_until_its_observer_had_its_time() -> None:
@@ -140,34 +121,6 @@ def test_what_was_good_after_its_input_was_is_not_silent_because_that_started() 
     assert not silent((11 * S,), 12 * S, driver=10 * S, mapping=10 * S)
 
 
-def test_a_topic_that_was_good_before_it_fell_was_up_then_however_late_its_last_sample() -> None:
-    """In a circle a node may publish now and then without its input: its last sample tells no start."""
-    scan, map_ = bad(SCAN, time=13 * S, onset=12 * S), bad(MAP, time=13 * S, onset=11 * S)
-
-    def silent(*good: int) -> bool:
-        return MAP in begun([scan, map_], {"driver": 8 * S}, 12 * S, {SCAN: good})
-
-    assert not silent(9 * S)
-    assert silent()
-    assert silent(7 * S)  # that was its predecessor's
-    assert silent(11 * S)  # the map fell before it was back: it may have waited for it
-
-
-def test_what_was_good_since_its_cause_was_first_heard_of_need_not_wait_for_it_to_start() -> None:
-    began = {"driver": 10 * S}
-
-    def silent(unseen: tuple[str, ...], onset: int | None) -> bool:
-        map_ = bad(MAP, time=13 * S, onset=onset)
-        return MAP in begun([bad(SCAN, time=13 * S, onset=9 * S), map_], began, 13 * S, unseen=unseen)
-
-    # Nobody saw it begin: it may have run for hours before it was heard of.
-    assert not silent(("driver",), 12 * S)
-    assert silent((), 12 * S)
-    # It may have begun just then: what was silent all the while, or never good, may come up yet.
-    assert silent(("driver",), 9 * S)
-    assert silent(("driver",), None)
-
-
 def test_what_rests_on_something_that_is_back_may_be_back_too() -> None:
     """A fault went by itself: the scan is good since 20 s, and the map's observer needs 2 s to judge anew."""
 
@@ -184,14 +137,6 @@ def test_what_rests_on_something_that_is_back_may_be_back_too() -> None:
     assert pending_at(21 * S, 20 * S + 1, {"scan": 20 * S}) == {}
     assert pending_at(21 * S, 15 * S, {"pose": 20 * S}) == {}
     assert returning([], {"scan": 20 * S}, lambda _: {}, lambda _: 2 * S, 21 * S) == {}
-
-
-def test_what_rests_on_two_topics_that_came_back_is_judged_anew_after_the_later_one() -> None:
-    needs = {"map": {"scan", "pose"}}
-    symptom = bad(MAP, time=19 * S, onset=15 * S)
-    risen = {"scan": 20 * S, "pose": 21 * S}
-    found = returning([symptom], risen, lambda _: needs, lambda _: 2 * S, 22 * S)
-    assert found == {MAP: 23 * S + SLACK_NS}
 
 
 def test_how_long_a_verdict_is_pending_is_a_matter_of_its_own_observer() -> None:
@@ -213,27 +158,6 @@ def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
     heard.hear("agent", 9 * S, again=True, lives_ns=2 * S)
     assert heard.interruption("agent") == (4 * S, 9 * S)
     assert heard.usual_ns("agent") == S  # to be cut off once is no rhythm
-
-
-def test_who_is_cut_off_again_is_known_to_be_and_who_speaks_more_seldom_from_now_on_is_not() -> None:
-    heard = LastHeard()
-    times = [*range(8), *range(12, 18), *range(22, 26)]
-    for s in times:
-        heard.hear("agent", s * S, again=True, lives_ns=9 * S)
-    assert heard.interruption("agent") == (17 * S, 22 * S)
-    for s in range(29, 129, 4):
-        heard.hear("agent", s * S, again=True, lives_ns=9 * S)
-    assert heard.usual_ns("agent") == 4 * S
-    assert (heard.interruption("agent") or (0, 0))[1] in range(1, 40 * S)
-
-
-def test_what_was_said_while_the_way_was_cut_off_and_comes_through_later_does_not_hide_that() -> None:
-    heard = LastHeard()
-    for s in range(6):
-        heard.hear("agent", s * S, again=True, lives_ns=9 * S, arrived_ns=s * S)
-    for s in range(6, 10):
-        heard.hear("agent", s * S, again=True, lives_ns=9 * S, arrived_ns=10 * S)
-    assert heard.interruption("agent") == (5 * S, 10 * S)
 
 
 def test_who_speaks_on_change_only_is_never_silent_and_nobody_is_before_its_rhythm_is_known() -> None:

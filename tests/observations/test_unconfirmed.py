@@ -49,10 +49,6 @@ def test_an_answer_to_settle_confirms_whatever_the_clocks_say() -> None:
     assert unconfirmed.hear([said(False, settled=8)])
 
 
-def test_without_an_act_there_is_nothing_to_confirm() -> None:
-    assert not Unconfirmed().hear([said(settled=7)])
-
-
 def test_once_confirmed_it_stays_so_until_the_next_act() -> None:
     unconfirmed = after_act()
     unconfirmed.hear([said(settled=7)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,14 +11,13 @@ from tests.planning.robots import TEDUSAR
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
-from robomend.model.loading import load_model, load_text
+from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.planning.advice import SELDOM_HELPS, Situation, looks, parts_of
 from robomend.planning.choice import Candidate, Choice
 from robomend.planning.cures import power_cuts
-from robomend.planning.domain.loading import shipped
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
-from robomend.planning.tried import Attempt, Patience, attempt, interruptions
+from robomend.planning.tried import Attempt, attempt, interruptions
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.readings import Symptom
 
@@ -35,34 +33,6 @@ def decided(situation: Situation, options: PlanOptions = PlanOptions()) -> tuple
     wanted = [diagnosis.bad for diagnosis in situation.wanted]
     choice = situation.decide(plans_for(situation.model, situation.observed, wanted, options))
     return choice.diagnosis.bad if choice.diagnosis else ()
-
-
-def test_the_tie_is_broken_by_cost_and_by_what_was_tried() -> None:
-    situation = Situation(TEDUSAR, MUTE, result(*TIED))
-    assert decided(situation) == ("jaguar_node",)
-    power = Attempt(frozenset({"jaguar"}), frozenset({"jaguar"}), 0, effect_seen=True, helped=False)
-    assert decided(replace(situation, tried=(power,))) == ("jaguar_node",)
-
-
-def test_with_the_papers_actions_too_the_driver_is_restarted_after_the_power_came_back() -> None:
-    """Two rounds: power_up(jaguar), then stop and start of the driver."""
-    options = PlanOptions(domain=shipped("paper-repair.pddl"))
-    power = Attempt(frozenset({"jaguar"}), frozenset({"jaguar"}), 0, effect_seen=True, helped=False)
-    assert decided(Situation(TEDUSAR, MUTE, result(*TIED), (power,)), options) == ("jaguar_node",)
-
-
-def test_when_the_driver_was_restarted_in_vain_the_device_is_next() -> None:
-    driver = Attempt(
-        frozenset({"jaguar_node"}), frozenset({"jaguar_node"}), 0, effect_seen=True, helped=False
-    )
-    situation = Situation(TEDUSAR, MUTE, result(*TIED), (driver, driver))
-    assert decided(situation) == ("jaguar",)
-
-
-def test_the_shared_part_is_planned_for_as_well() -> None:
-    found = (Diagnosis(("jaguar", "rviz")), Diagnosis(("jaguar", "imu_node")))
-    assert Situation(TEDUSAR, (), result(*found)).wanted == (*found, Diagnosis(("jaguar",)))
-    assert Situation(TEDUSAR, (), result(Diagnosis(()))).wanted == ()
 
 
 def test_probes_become_looks_in_the_order_of_the_candidates() -> None:
@@ -158,38 +128,10 @@ def test_a_device_that_is_seen_to_work_keeps_its_power_when_what_rests_on_it_sta
     assert repaired(*(-literal for literal in well))[-1] == ("probe",)
 
 
-def test_on_the_shipped_manipulator_the_first_plan_powers_the_supply() -> None:
-    """The 12 V supply is off; all relays behind it are where they were, and what it feeds is silent."""
-    system = load_model(Path(__file__).parents[2] / "examples" / "mobile_manipulator.yaml")
-    parts = parts_of(system)
-    relays = [holds("on", name) for name in parts.hardware if parts.switchable(name) and name != "psu_12v"]
-    silent = [
-        fails("ok", topic)
-        for node in parts.nodes.values()
-        for topic in node.publishes
-        if any("psu_12v" in parts.feeders(name) for name in node.drives)
-    ]
-    assert steps(chosen(system, fails("on", "psu_12v"), *relays, *silent))[0] == "power_up(psu_12v)"
-
-
 PROBE = load_text(
     "robomend: 1\nhardware: {probe: {channel: 1}}\n"
     "nodes: {probe_d: {drives: probe, publishes: [a, b, c]}, agg: {publishes: {x: [a], y: [a]}}}"
 )
-
-
-def test_a_probe_two_of_whose_topics_work_keeps_its_power() -> None:
-    seen = (holds("ok", "b"), holds("ok", "c"), fails("ok", "x"), fails("ok", "y"))
-    assert steps(chosen(PROBE, *seen)) == ["stop_node(agg)", "start_node(agg)"]
-    agg = Attempt(
-        frozenset({"agg"}),
-        frozenset({"agg"}),
-        0,
-        effect_seen=True,
-        helped=False,
-        actions=("stop_node(agg)", "start_node(agg)"),
-    )
-    assert steps(chosen(PROBE, *seen, tried=(agg,))) == ["stop_node(probe_d)", "start_node(probe_d)"]
 
 
 def test_a_node_that_had_ended_is_restarted_once_more_before_something_else_is_blamed() -> None:
@@ -260,10 +202,6 @@ def test_in_a_circle_who_fell_first_leads() -> None:
     assert blamed_by_onset(cmd_s=1.3, state_s=1.0) == ("est",)
 
 
-def test_differences_of_less_than_a_period_say_nothing() -> None:
-    assert blamed_by_onset(cmd_s=1.0, state_s=1.19) == blamed_by_onset(cmd_s=1.19, state_s=1.0)
-
-
 BUS = load_text(
     """
 robomend: 1
@@ -311,13 +249,6 @@ def test_a_cut_that_darkens_what_works_comes_after_every_cheaper_act_that_is_wor
     assert bus.score > 0
     third = chosen(BUS, *WELL, fails("ok", "acc"), tried=(tried_in(first), tried_in(second)))
     assert "shutdown(bus)" in steps(third)
-
-
-def test_what_is_seen_to_be_broken_is_not_darkened() -> None:
-    choice = chosen(BUS, *(fails("ok", topic) for topic in ("acc", "img", "fix")))
-    bus = next(one for one in choice.alternatives if one.diagnosis.bad == ("bus",))
-    assert bus.darkens == frozenset()
-    assert bus.plan.cost == Patience().dark_cost + 3 * 4
 
 
 def test_the_cycle_of_a_supply_counts_as_one_of_what_hangs_on_it_by_a_channel_of_its_own_too() -> None:
@@ -400,12 +331,6 @@ def test_what_comes_too_fast_is_worth_one_restart_and_a_second_publisher_is_susp
     asked = chosen(BASE, *seen, symptoms=FAST, asking=frozenset({"stop_node", "start_node"}))
     assert asked.plan is None
     assert asked.reason.startswith(LOOK)
-
-
-def test_what_else_is_broken_is_repaired_beside_what_two_publish() -> None:
-    seen = (fails("ok", "odom"), holds("ok", "pose"), fails("running", "loc"))
-    choice = chosen(BASE, *seen, symptoms={Atom("ok", ("odom",)): Symptom.PUBLISHERS})
-    assert steps(choice) == ["start_node(loc)"]
 
 
 def driven_in_vain(times: int) -> tuple[Attempt, ...]:

@@ -6,48 +6,16 @@ from collections import Counter
 from dataclasses import replace
 from itertools import permutations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import SURE, Candidate, Look, choose, common_part
-from robomend.planning.cures import CURES, Cure
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt, weights
 from robomend_client.literals import Atom, fails, holds
-
-
-def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
-    choice = choose([candidate("jaguar", 29), candidate("jaguar_node", 4)])
-    assert choice.diagnosis is not None
-    assert choice.diagnosis.bad == ("jaguar_node",)
-
-
-def test_the_reason_names_what_is_repaired_how_probably_it_helps_and_its_cost() -> None:
-    assert choose([candidate("a", 4), candidate("b", 29)]).reason == "a: helps with probability 0.5 at cost 4"
-    only = "a, b: the only cause that the model knows for this; to be repaired at cost 4"
-    assert choose([candidate("a b", 4)]).reason == only
-    empty = Candidate(Diagnosis(("a",)), plan(0))
-    assert choose([empty]).alternatives[0].reason == "a: nothing to do"
-
-
-def test_a_probable_repair_may_cost_more() -> None:
-    choice = choose([candidate("a", 4, 0.05), candidate("b", 29, 0.95)])
-    assert choice.diagnosis is not None
-    assert choice.diagnosis.bad == ("b",)
-
-
-def test_after_the_power_came_back_without_help_the_driver_is_restarted() -> None:
-    """The tie that the six clause schemes leave, even where a power cycle would be the cheaper repair."""
-    candidates = [candidate("jaguar", 3), candidate("jaguar_node", 4)]
-    assert choose(candidates).alternatives[0].diagnosis.bad == ("jaguar",)
-    after = choose(candidates, [tried("jaguar")])
-    assert after.diagnosis is not None
-    assert after.diagnosis.bad == ("jaguar_node",)
-    assert "its acts worked 1 of 1 time" in after.alternatives[1].reason
 
 
 def test_a_repair_whose_effect_was_never_seen_may_be_tried_again() -> None:
@@ -74,19 +42,6 @@ def test_another_way_comes_before_the_same_that_did_not_help() -> None:
     assert choose([restart], history).plan is restart.plan  # where nothing else is left, once more
 
 
-def test_of_many_reasons_why_nothing_can_be_done_four_are_told() -> None:
-    broken = [Candidate(Diagnosis((f"d{n}",)), replace(plan(0), excluded=(f"d{n}",))) for n in range(2)]
-    nothing = [
-        Candidate(Diagnosis((f"s{n}",)), replace(plan(0), unreachable=(f"s{n}: nobody mends it",)))
-        for n in range(9)
-    ]
-    assert choose(nothing[:4]).reason.endswith("s2: nobody mends it; s3: nobody mends it")
-    assert choose([*nothing, *broken]).reason == (
-        "no known repair: s0: nobody mends it; s1: nobody mends it; s2: nobody mends it; "
-        "s3: nobody mends it; 6 more reasons"
-    )
-
-
 def test_what_was_done_in_vain_is_not_repeated_where_that_costs_more_than_it_saves() -> None:
     """The device is in quarantine; the driver was restarted, each time with its effect seen."""
     device = Candidate(Diagnosis(("imu",)), replace(plan(0), excluded=("imu",)))
@@ -106,26 +61,6 @@ def test_what_was_done_in_vain_is_not_repeated_where_that_costs_more_than_it_sav
     )
 
 
-def test_a_process_may_come_up_well_the_next_time_and_a_device_hardly_does() -> None:
-    """A driver whose first successor was mute is restarted again, by a probability that can be believed."""
-    driver, device = candidate("driver", 4), cutting("device", 29, 0.5)
-    first = replace(tried("driver"), actions=("mend(driver)",))
-    again = next(one for one in choose([driver], [first]).alternatives)
-    assert again.helps == Patience().again_factor
-    cut = replace(tried("device"), actions=tuple(map(str, device.plan.steps)), cycled=frozenset({"device"}))
-    again = next(one for one in choose([device], [cut]).alternatives)
-    assert again.helps == pytest.approx(CURES[Cure.POWER_CYCLE] * Patience().seen_factor)
-
-
-def test_one_plan_may_help_against_several_diagnoses() -> None:
-    """The power cycle restarts the driver as well: it covers both, and is the one repair to make."""
-    both = candidate("jaguar", 6, 0.5, repairs="jaguar jaguar_node")
-    choice = choose([both, candidate("jaguar_node", 4, 0.5)])
-    assert choice.alternatives[0].helps == 1.0
-    assert choice.diagnosis is not None
-    assert choice.diagnosis.bad == ("jaguar",)
-
-
 def test_what_every_diagnosis_blames_is_repaired_first_when_that_pays() -> None:
     candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
     shared = common_part([one.diagnosis for one in candidates])
@@ -134,36 +69,6 @@ def test_what_every_diagnosis_blames_is_repaired_first_when_that_pays() -> None:
     choice = choose(candidates, common=common)
     assert choice.plan is common.plan
     assert "psu" in choice.reason
-
-
-def test_what_the_common_part_saves_is_told_and_must_exceed_one_more_look() -> None:
-    """With 0.5 the first full repair is wrong, and 40 - 10 was spent in vain: 15 is saved."""
-    candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
-    common = candidate("psu", 10)
-    alone = choose(candidates).expected_cost
-    assert choose(candidates, common=common, patience=Patience(look_cost=14.9)).expected_cost == alone - 15
-    assert choose(candidates, common=common, patience=Patience(look_cost=15)).plan is candidates[0].plan
-
-
-def test_a_common_part_without_a_plan_is_not_repaired_by_itself() -> None:
-    candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
-    unsolved = Candidate(Diagnosis(("psu",)), plan(10, "psu", unreachable=("psu: no known action",)))
-    empty = Candidate(Diagnosis(("psu",)), plan(0))
-    for common in (unsolved, empty):
-        assert choose(candidates, common=common).plan is candidates[0].plan
-
-
-def test_the_common_part_is_not_repaired_by_itself_when_the_first_diagnosis_is_nearly_sure() -> None:
-    candidates = [candidate("psu a", 40, 0.99), candidate("psu b", 40, 0.01)]
-    choice = choose(candidates, common=candidate("psu", 10))
-    assert choice.diagnosis is not None
-    assert choice.diagnosis.bad == ("psu", "a")
-
-
-def test_nothing_is_common_when_one_diagnosis_is_the_common_part() -> None:
-    assert common_part([Diagnosis(("a",)), Diagnosis(("a", "b"))]) == ()
-    assert common_part([Diagnosis(("a",)), Diagnosis(("b",))]) == ()
-    assert common_part([Diagnosis(("a", "b"))]) == ()
 
 
 def test_a_cheap_look_that_tells_diagnoses_apart_comes_before_a_dear_repair() -> None:
@@ -198,25 +103,6 @@ def test_expected_cost_of_a_look_is_its_own_and_that_of_what_follows_each_answer
     assert choose(candidates, looks=[replace(look, cost=2.0), look, replace(look, cost=3.0)]).probe == look
 
 
-def test_a_look_that_saves_nothing_is_not_made_even_if_it_costs_nothing() -> None:
-    candidates = [candidate("a", 3, 0.5), candidate("b", 3, 0.5)]
-    assert choose(candidates, looks=[Look(Atom("ok", ("u",)), 0.0, (None, None))]).probe is None
-
-
-def test_a_look_that_costs_more_than_it_saves_is_not_made() -> None:
-    candidates = [candidate("a", 3, 0.5), candidate("b", 3, 0.5)]
-    assert choose(candidates, looks=[Look(Atom("ok", ("t",)), 10.0, (True, False))]).probe is None
-    assert choose(candidates, looks=[Look(Atom("ok", ("u",)), 0.1, (None, None))]).probe is None
-
-
-def test_nothing_is_chosen_when_no_action_helps_and_the_reason_says_so() -> None:
-    only = Candidate(Diagnosis(("imu",)), plan(0, unreachable=("imu: no known action makes it good",)))
-    choice = choose([only])
-    assert choice.plan is None
-    assert choice.reason == "no known repair: imu: no known action makes it good"
-    assert choose([]).reason == "nothing is diagnosed bad"
-
-
 def test_what_has_no_plan_because_it_is_left_alone_is_told_as_that_and_anything_else_as_it_is() -> None:
     left_alone = replace(plan(0), excluded=("a",))
     aside, other = (Candidate(Diagnosis((name,)), left_alone) for name in ("a", "b"))
@@ -233,18 +119,6 @@ def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:
     choice = choose([half])
     assert choice.plan is half.plan
     assert "not all of it" in choice.reason
-
-
-def test_a_plan_for_part_of_a_diagnosis_helps_in_part() -> None:
-    part = Candidate(Diagnosis(("imu", "node", "hub")), plan(4, "node", "hub", unreachable=("imu: …",)))
-    assert choose([part]).alternatives[0].helps == 2 / 3
-
-
-def test_the_reason_counts_the_repairs_that_did_not_help() -> None:
-    once = choose([candidate("a", 4)], [tried("a", seen=False)])
-    assert once.reason.endswith("; repaired once before without help; its acts worked 0 of 1 time")
-    twice = choose([candidate("a", 4)], [tried("a", seen=False), tried("a"), tried("a", helped=True)])
-    assert twice.reason.endswith("; repaired 2 times before without help; its acts worked 1 of 2 times")
 
 
 def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
@@ -280,22 +154,6 @@ def test_half_a_minute_is_half_a_minute_after_a_quarantine_too() -> None:
     assert row(362) == [362]
     assert row(366) == [41, 52, 63, 366]  # it has waited for the end of its quarantine, 300 s later
     assert row(400) == [400]
-
-
-def test_what_was_needed_again_late_had_lasted_whatever_was_done_in_vain_since() -> None:
-    first, vain, last = tried("a", helped=True), tried("a", at_s=50), tried("a", helped=True, at_s=90)
-    assert relapses([first, vain, last], {"a"}, now_ns=91 * SECOND) == (last,)
-    soon = replace(vain, began_ns=10 * SECOND)  # it took 40 s
-    assert relapses([first, soon, last], {"a"}, now_ns=91 * SECOND) == (first, last)
-    assert relapses([first, soon], {"a"}, now_ns=91 * SECOND) == (first,)
-
-
-def test_who_of_the_suspects_was_repaired_does_not_matter_to_what_comes_back() -> None:
-    row = [tried("driver", helped=True), tried("device", helped=True, at_s=10)]
-    found = relapses(row, {"driver", "device", "supply"}, now_ns=11 * SECOND)
-    assert [one.bad for one in found] == [{"driver"}, {"device"}]
-    two = Patience(relapses=2)
-    assert came_back(found, {"driver", "supply"}, now_ns=11 * SECOND, patience=two).keys() == {"driver"}
 
 
 def test_what_helped_and_did_not_last_is_no_cure() -> None:
@@ -387,36 +245,6 @@ def planned_by_cycling(device: str, cost: float) -> Plan:
 def hopeless(bad: str, probability: float) -> Candidate:
     """Return a diagnosis that nothing can be done about any more."""
     return Candidate(Diagnosis((bad,), probability), plan(0, unreachable=(f"{bad}: it was done in vain",)))
-
-
-def test_a_supply_on_which_other_things_work_is_not_cut_where_that_hardly_helps() -> None:
-    choice = choose([hopeless("lamp", 0.9), cutting("rail", 41, 0.04), candidate("driver", 4, 0.06)])
-    assert choice.diagnosis == Diagnosis(("driver",), 0.06)
-    rail = next(one for one in choice.alternatives if one.diagnosis.bad == ("rail",))
-    assert rail.score == 0
-    assert rail.reason == "rail: helps with probability 0.02 at cost 41; of less use than to ask a person"
-    nothing = choose([hopeless("lamp", 0.9), cutting("rail", 41, 0.1)])
-    assert nothing.plan is None
-    assert "rail: helps with probability 0.05 at cost 41; of less use than to ask a person" in nothing.reason
-    assert "lamp: it was done in vain" in nothing.reason
-
-
-def test_power_is_cut_where_that_costs_less_than_to_call_a_person_at_once() -> None:
-    assert choose([hopeless("lamp", 0.5), cutting("rail", 41, 0.5)]).plan is not None
-    assert choose([hopeless("rest", 5 / 6), cutting("d0", 26, 1 / 6)]).plan is None
-    assert choose([cutting(f"d{number}", 26, 1 / 6) for number in range(6)]).plan is not None  # all of them
-    assert choose([cutting("whole", 1000, 1.0)]).plan is not None  # a person would try it, too
-
-
-def test_no_act_is_done_that_is_of_less_use_than_to_ask_a_person() -> None:
-    """A computer that nothing restarts makes five topics late; its nodes are healthy."""
-    nodes = candidate("n1 n2 n3 n4 n5", 20, 7.3e-9)
-    nothing = choose([hopeless("pc", 1 - 7.3e-9), nodes])
-    assert nothing.plan is None
-    assert nothing.reason.startswith("probably pc itself: a person is needed; no known repair: ")
-    assert "at cost 20; of less use than to ask a person" in nothing.reason
-    assert nothing.expected_cost == Patience().person_cost
-    assert choose([hopeless("pc", 0.98), candidate("n1", 4, 0.02)]).plan is not None
 
 
 def test_what_no_act_mends_is_said_first_and_a_person_is_not_asked_to_repeat_what_hardly_helps() -> None:

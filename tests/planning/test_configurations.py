@@ -152,35 +152,6 @@ def test_a_fault_is_bridged_by_the_variant_that_does_without() -> None:
     assert (change.target, change.reason) == ("low", "camera is left off")
 
 
-def test_what_is_only_suspected_is_neither_left_nor_changed_to() -> None:
-    water = Water(active="high")
-    water.visibility, water.diagnoses = 3.5, [{"camera"}, {"sonar"}]
-    assert water.decide(0).changes == ()
-    water.active = "low"
-    assert water.decide(0).changes == water.decide(60).changes == ()
-    assert water.decide(60).states["altitude"].standings["high"].why == "camera may be broken"
-
-
-def test_nothing_is_done_on_what_nobody_reports() -> None:
-    water = Water(active="high")
-    water.visibility = None
-    found = water.decide(0)
-    assert (found.changes, found.states["altitude"].works) == ((), False)
-    assert found.states["altitude"].standings["high"].why == "nobody reports visibility"
-    water.active = "none"
-    state = water.decide(1).states["altitude"]
-    assert (state.active, state.goal) == (None, "low")
-    assert state.unknown == "nobody reports which variant of altitude is active"
-
-
-def test_two_active_variants_are_said_and_nothing_is_done() -> None:
-    water = Water()
-    known = KnownState(lambda atom: atom.predicate == "active", lambda atom: 5.0)
-    found = water.keeper.decide(water.model, water.system.conditions, known, 0)
-    assert found.changes == ()
-    assert found.states["altitude"].held.endswith("are reported active: high, medium, low")
-
-
 def test_a_variant_that_failed_is_left_aside_and_the_next_one_taken() -> None:
     water = Water(active="high")
     water.visibility = 2.9
@@ -198,14 +169,6 @@ def test_a_variant_that_failed_is_left_aside_and_the_next_one_taken() -> None:
     water.visibility = 3.5
     water.active = "medium"
     assert water.decide(319).again_ns == 320 * S
-
-
-def test_no_variant_left_is_said() -> None:
-    text = SUAVE.replace("low: {", "low: {needs: sonar, ")
-    water = Water(text, "low")
-    water.visibility, water.diagnoses = 1.0, [{"camera", "sonar"}]
-    state = water.decide(0).states["altitude"]
-    assert (state.goal, state.target, state.held) == (None, "low", "no variant of altitude is admissible")
 
 
 # --- against brute force

@@ -13,7 +13,7 @@ from robomend.planning.choice import Candidate, choose
 from robomend.planning.cures import CURES, Avoided, Cure, best_way, cured, once
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
-from robomend_client.literals import Literal, fails, holds
+from robomend_client.literals import Literal, fails
 
 SPARE = """
 (define (domain robot-repair)
@@ -53,10 +53,6 @@ def test_a_power_cycle_cures_a_device_every_other_time_and_the_driver_that_it_re
     assert cured(plan, ["hokuyo_node"]) == 1.0
 
 
-def test_each_power_cycle_of_a_plan_is_a_chance_of_its_own() -> None:
-    assert cured(plan_for(TEDUSAR, [], ["hokuyo", "jaguar"]), ["hokuyo", "jaguar"]) == 0.25
-
-
 def test_a_device_that_works_in_part_does_not_hang() -> None:
     plan = plan_for(TEDUSAR, [], ["hokuyo", "jaguar"])
     partly = CURES[Cure.CYCLE_OF_WORKING]
@@ -66,22 +62,12 @@ def test_a_device_that_works_in_part_does_not_hang() -> None:
     assert cured(plan, ["hokuyo_node"], works=["hokuyo_node"]) == 1.0
 
 
-def test_to_switch_on_what_is_off_is_no_power_cycle() -> None:
-    plan = plan_for(TEDUSAR, [fails("on", "hokuyo")], ["hokuyo"])
-    assert "power_up(hokuyo)" in texts(plan)
-    assert cured(plan, ["hokuyo"]) == 1.0
-
-
 @pytest.mark.parametrize(("cost", "steps"), [(30, SWITCH), (53, SWITCH), (55, CYCLE), (None, CYCLE)], ids=str)
 def test_a_spare_comes_before_a_power_cycle_unless_it_costs_more_than_twice_as_much(
     cost: int | None, steps: list[str]
 ) -> None:
     """29 for the cycle with the driver's restart, which is 4 of either."""
     assert texts(planned(cost)) == steps
-
-
-def test_a_device_that_is_off_is_switched_on_before_its_spare_is_taken() -> None:
-    assert texts(planned(30, fails("on", "hokuyo")))[0] == "power_up(hokuyo)"
 
 
 def test_a_spare_that_was_no_help_leaves_the_power_cycle() -> None:
@@ -109,11 +95,6 @@ def test_the_driver_s_restart_comes_before_either_and_the_reason_says_how_probab
         choice = choose([restart, Candidate(Diagnosis(("hokuyo",)), planned(cost))])
         assert choice.plan is restart.plan
         assert choice.alternatives[1].reason == words
-
-
-def test_what_a_power_cycle_leaves_to_a_person_is_in_the_expected_cost() -> None:
-    candidate = Candidate(Diagnosis(("hokuyo",)), plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"]))
-    assert choose([candidate]).expected_cost == 29 + 0.5 * 300
 
 
 def test_of_a_power_cycle_the_cut_is_done_once_and_of_another_cure_the_act() -> None:

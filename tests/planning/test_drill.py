@@ -7,7 +7,7 @@ import pytest
 from robomend.diagnosis.isolability.analysis import isolability
 from robomend.model.loading import load_model, load_text
 from robomend.planning.drill import PlantableFault, drill_plan
-from robomend.planning.faults import DrilledBoard, FaultKind
+from robomend.planning.faults import DrilledBoard
 from robomend.planning.protection import protection
 from robomend.resources import resource
 
@@ -72,18 +72,6 @@ def test_a_device_that_is_off_is_told_and_one_that_is_unplugged_is_still_on() ->
     assert found["device-unplugged:camera"].promise == "among"
 
 
-def test_a_feeder_takes_what_it_feeds_with_it() -> None:
-    off = plan()["device-off:hub"]
-    assert shows(off) == {"not on(hub)", "not on(camera)", "not ok(image)", "not ok(objects)"}
-    assert off.promise == "told"
-
-
-def test_where_the_model_cannot_blame_a_device_its_driver_is_blamed() -> None:
-    unplugged = plan()["device-unplugged:imu"]
-    assert shows(unplugged) == {"not ok(imu_data)"}
-    assert (unplugged.promise, unplugged.diagnoses) == ("missed", (("imu_driver",),))
-
-
 def test_what_nobody_observes_would_not_be_noticed() -> None:
     assert plan(without="ok(imu_data)")["node-frozen:imu_driver"].promise == "unseen"
 
@@ -135,12 +123,6 @@ def test_what_is_promised_to_be_told_can_be_told_by_isolability(share: int) -> N
     assert kept
 
 
-def test_a_mute_stand_in_runs_as_a_frozen_node_does() -> None:
-    found = plan()
-    assert found["node-mute:camera_driver"].shows == found["node-frozen:camera_driver"].shows
-    assert "no undo" in (found["node-mute:recorder"].refused or "")
-
-
 def test_a_disturbed_topic_takes_what_rests_on_it_and_spares_what_its_node_says_besides() -> None:
     two = ROBOT.replace("publishes: {image: []}}", "publishes: {image: [], info: []}}")
     found = plan(two)
@@ -182,15 +164,3 @@ def test_too_little_voltage_takes_all_devices_of_the_board_which_the_model_blame
     low = plan(free, board=DrilledBoard(emulated=True))["board-brown-out"]
     assert shows(low) == {"not ok(image)", "not ok(objects)"}
     assert (low.refused, low.promise) == (None, "missed")
-
-
-def test_what_is_meant_to_be_off_or_stopped_is_not_switched_on_by_an_undo() -> None:
-    found = plan(meant_off="camera detector")
-    for fault in ("device-off:camera", "node-killed:detector", "topic-dropped:objects"):
-        assert "meant to be" in (found[fault].refused or "")
-
-
-def test_every_kind_is_undone_in_words() -> None:
-    found = plan(board=DrilledBoard(emulated=True))
-    assert {fault.kind for fault in found.values()} == set(FaultKind)
-    assert all(fault.act and fault.undo for fault in found.values())

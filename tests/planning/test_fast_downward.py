@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
-
-from robomend.planning.planners.fast_downward import children_end_after
 
 STARTER = """
 import resource, signal, subprocess, sys
@@ -27,9 +24,3 @@ finally:
 
 def test_what_is_started_within_ends_by_itself_when_its_cpu_time_is_used_up() -> None:
     subprocess.run([sys.executable, "-c", STARTER], check=True, timeout=115)
-
-
-def test_without_a_deadline_nothing_is_bounded() -> None:
-    before = resource.getrlimit(resource.RLIMIT_CPU)
-    with children_end_after(None):
-        assert resource.getrlimit(resource.RLIMIT_CPU) == before

@@ -41,17 +41,6 @@ def test_only_what_can_help_is_grounded() -> None:
     }
 
 
-def test_nothing_is_grounded_when_nothing_is_wrong() -> None:
-    assert grounded((), ()).actions == ()
-
-
-def test_facts_that_hold_for_good_leave_the_preconditions() -> None:
-    """imu is good and nothing makes it bad: its driver's restart need not ask."""
-    problem = grounded((), ("imu_node",))
-    start = next(action for action in problem.actions if action.name == "start_node")
-    assert len(start.needs) == 1
-
-
 def test_devices_are_parts_of_their_own_and_equal_ones_are_equal_values() -> None:
     parts = split(grounded(ALL_OFF, POWER_UP))
     assert len(parts) == 9
@@ -120,24 +109,6 @@ def test_an_action_with_too_many_instances_is_refused_by_name(monkeypatch: pytes
     monkeypatch.setattr(grounding, "MAX_GROUND_ACTIONS", 500)
     with pytest.raises(DomainError, match="guard the parameters of 'juggle'"):
         plan_for(TEDUSAR, [], ["rviz"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))
-
-
-def test_what_an_action_ranges_over_is_counted_before_it_is_tried() -> None:
-    many = ComponentModel("r", {}, {f"n{index}": Node(f"n{index}") for index in range(200)}, {})
-    with pytest.raises(DomainError, match=r"mine.pddl:3: action 'juggle' has variables with up to 8,000,000"):
-        plan_for(many, [], ["n0"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))
-
-
-def test_as_many_bindings_as_may_be_are_tried_and_not_one_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """?b, ?c and ?d range over three nodes each: 27 ways, once ?a is the bad one."""
-    three = ComponentModel(
-        "r", {}, {f"n{index}": Node(f"n{index}", restartable=False) for index in range(3)}, {}
-    )
-    monkeypatch.setattr(grounding, "MAX_BINDINGS", 27)
-    assert plan_for(three, [], ["n0"], PlanOptions(domain=WIDE)).steps
-    monkeypatch.setattr(grounding, "MAX_BINDINGS", 26)
-    with pytest.raises(DomainError, match="up to 27 bindings; at most 26"):
-        plan_for(three, [], ["n0"], PlanOptions(domain=WIDE, domain_file="another.pddl"))
 
 
 RELATED = """

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from robomend.model.loading import load_text
-from robomend.planning.influence import influenced, needed, touched
-from robomend.planning.prediction import theory_of
-from robomend_client.literals import Atom
+from robomend.planning.influence import needed, touched
 
 MODEL = """
 robomend: 1
@@ -43,12 +41,3 @@ def test_what_a_topic_needs_is_found_against_the_arrows_circles_included() -> No
         "joints": set(),
         "driver": set(),
     }
-
-
-def test_only_what_somebody_observes_counts_and_rules_are_followed() -> None:
-    system = load_text(MODEL)
-    assert system.parts is not None
-    known = [Atom("ok", (t,)) for t in ("scan", "map", "joints")]
-    known += [Atom("running", ("slam",)), Atom("running", ("driver",)), Atom("ok", ("cpu", "slam"))]
-    found = influenced(system.parts, theory_of(system.cnf), {"slam"}, known)
-    assert {str(atom) for atom in found} == {"ok(map)", "running(slam)", "ok(cpu,slam)"}

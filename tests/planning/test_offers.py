@@ -36,13 +36,6 @@ def test_what_an_agent_does_to_one_node_only_is_not_planned_for_another() -> Non
     assert texts(plan(both)) == texts(plan(None)) == ["stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
 
 
-def test_another_agent_may_do_it_and_one_that_does_not_say_does_anything() -> None:
-    other = says("arm", "start_node:arm_node")
-    assert offers(other, says("nav", "start_node:map")).why_nobody("start_node", ("map",)) is None
-    assert offers(other, Offer("old")).why_nobody("start_node", ("map",)) is None
-    assert offers(other).why_nobody("start_node", ("map",)) is not None
-
-
 def test_a_host_has_its_own_agents_and_of_one_that_is_not_heard_nothing_is_known() -> None:
     on_nav: dict[str, str | None] = {"map": "nav_pc"}
     arm = says("arm", "start_node:map", host="arm_pc")
@@ -57,19 +50,6 @@ def test_only_what_agents_carry_out_and_the_name_alone_of_actions_with_more_para
     assert known.why_nobody("power_up", ("base",)) is None  # the board's
     assert known.why_nobody("calibrate", ("left", "fast")) is None
     assert offers(says("onboard", "calibrate:left")).why_nobody("calibrate", ("left", "fast")) is not None
-
-
-def test_an_action_with_more_parameters_is_offered_by_all_of_them() -> None:
-    known = offers(says("onboard", "calibrate:left,fast", "calibrate:right,slow"))
-    assert known.why_nobody("calibrate", ("left", "fast")) is None
-    why = known.why_nobody("calibrate", ("left", "slow"))
-    assert why == "no agent offers it (onboard does calibrate of (left, fast), (right, slow))"
-
-
-def test_long_lists_are_cut() -> None:
-    many = says("onboard", *(f"start_node:n{number}" for number in range(9)))
-    why = offers(many).why_nobody("start_node", ("map",))
-    assert why == "no agent offers it (onboard does start_node of n0, n1, n2, n3, n4 and 4 more)"
 
 
 def test_what_is_planned_is_what_the_queue_hands_out() -> None:

@@ -13,9 +13,8 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.advice import Situation, explains_all, left_bad, parts_of
+from robomend.planning.advice import Situation, explains_all, parts_of
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Step
 from robomend.planning.planning import PlanOptions, plans_for
 from robomend_client.literals import Literal, fails, holds
 
@@ -69,48 +68,7 @@ def test_a_bus_is_not_reset_for_a_device_whose_driver_cannot_be_restarted_any_mo
     ) in choice.reason
 
 
-def test_it_is_reset_where_the_driver_is_only_left_alone() -> None:
-    """Repairs of the driver that failed are no evidence against its device, which nobody has repaired yet."""
-    choice = chosen(BUS, *SILENT, options=replace(WITH_RESET, quarantined=("imu_node",)))
-    assert choice.diagnosis is not None
-    assert choice.diagnosis.bad == ("imu",)
-    assert {"reset_usb(usb1)", "start_node(imu_node)"} <= set(steps(choice))
-
-
-def test_what_the_exhausted_driver_does_not_explain_is_repaired() -> None:
-    observed = (*SILENT[:1], fails("ok", "image"), holds("running", "imu_node"))
-    assert "start_node(camera_node)" in steps(
-        chosen(BUS, *observed, options=replace(WITH_RESET, avoided=(TIRED,)))
-    )
-
-
-POWERED = load_text("""
-robomend: 1
-hardware: {lidar: {channel: 1}}
-nodes: {lidar_node: {drives: [lidar], publishes: {scan: []}, restartable: true}}
-""")
 CYCLE = ["shutdown(lidar)", "power_up(lidar)"]
-
-
-def test_power_that_is_off_is_switched_on_although_the_driver_cannot_be_restarted() -> None:
-    """Nobody observes the relay: it is off by a repair's own doing, and no diagnosis blames it for sure."""
-    left_alone = PlanOptions(avoided=(("start_node(lidar_node)", "it was done 3 times in this repair"),))
-    seen = (fails("ok", "scan"), holds("running", "lidar_node"))
-    assert steps(chosen(POWERED, *seen, holds("on", "lidar"), options=left_alone)) == []
-    result = diagnosed(POWERED, seen)
-    situation = Situation(parts_of(POWERED), (*seen, fails("on", "lidar")), result, cnf=POWERED.cnf)
-    wanted = [diagnosis.bad for diagnosis in situation.wanted]
-    choice = situation.decide(plans_for(situation.model, situation.observed, wanted, left_alone))
-    assert steps(choice) == ["power_up(lidar)"]
-
-
-def test_a_driver_that_nobody_ever_restarts_may_find_its_device_again() -> None:
-    fixed = load_text(
-        "robomend: 1\nhardware: {lidar: {channel: 1}}\n"
-        "nodes: {lidar_node: {drives: [lidar], publishes: {scan: []}, restartable: false}}"
-    )
-    seen = (fails("ok", "scan"), holds("on", "lidar"))
-    assert steps(chosen(fixed, *seen, options=PlanOptions())) == CYCLE
 
 
 FED = load_text("""
@@ -120,25 +78,6 @@ nodes:
   base: {drives: [supply], publishes: {odom: []}}
   lidar_node: {drives: [lidar], publishes: {scan: []}}
 """)
-
-
-def test_what_is_off_and_left_alone_explains_what_is_observed_after_the_plan_as_well() -> None:
-    running = (holds("running", "base"), holds("running", "lidar_node"))
-    seen = (fails("on", "lidar"), *running, holds("ok", "odom"), holds("ok", "scan"))
-    parts, minimal = parts_of(FED), diagnosed(FED, seen).diagnoses
-    options = PlanOptions(planner="asp", quarantined=("lidar",))
-    [plan] = plans_for(parts, seen, [["supply"]], options)
-    assert plan.steps  # it cycles the supply, and leaves the lidar off
-    supply = next(one for one in minimal if one.bad == ("supply",))
-    assert explains_all(plan, supply, minimal, parts) == ("lidar",)
-
-
-def test_an_act_leaves_broken_what_it_breaks_and_nothing_else_that_it_changes() -> None:
-    effects = (fails("good", "camera_node"), holds("on", "camera"), holds("good", "imu"))
-    [solved] = plans_for(parts_of(BUS), SILENT, [("imu",)], WITH_RESET)
-    plan = replace(solved, steps=(Step(0, "reset_usb", ("usb1",), 1.0, (), (), effects),))
-    [diagnosis] = [one for one in diagnosed(BUS, SILENT).diagnoses if one.bad == ("imu",)]
-    assert left_bad(plan, diagnosis, parts_of(BUS)) == {"camera_node"}
 
 
 # --- random robots ----------------------------------------------------------------------------------

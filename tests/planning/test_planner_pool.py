@@ -15,7 +15,7 @@ from robomend.errors import DomainError, SolverError, WorkerDied
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
-from robomend.planning.planning import AT_ONCE_COMPONENTS, PlanOptions
+from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
 
 __all__ = ["workers_from_nothing"]  # a fixture of all tests here
@@ -105,38 +105,6 @@ def test_a_planner_that_fails_is_stood_in_for(pool: PlannerPool, planner: str) -
 
 def test_a_planner_that_hangs_is_killed_and_stood_in_for(pool: PlannerPool) -> None:
     assert plan(pool, "hangs", timeout_s=10.0) == JAGUAR
-
-
-def test_a_planner_that_has_to_wait_for_the_processor_is_not_out_of_time(pool: PlannerPool) -> None:
-    found = pool.plans_now(
-        TEDUSAR, [fails("on", "jaguar")], [["jaguar"]], PlanOptions(planner="sleeps", timeout_s=1.0)
-    )[0]
-    assert (found.planner, texts(found)) == ("Sleeps", JAGUAR)
-
-
-def test_little_work_starts_no_process_and_costs_the_same(pool: PlannerPool) -> None:
-    wanted = [["jaguar"], POWER_UP]
-    planners = PlannerPool(size=1, spare=1)
-    try:
-        at_once = planners.plans_now(TEDUSAR, ALL_OFF, wanted, PlanOptions())
-        assert planners.pids == ()
-    finally:
-        planners.close()
-    slowly = pool.plans_now(TEDUSAR, ALL_OFF, wanted, PlanOptions())
-    assert {plan.planner for plan in at_once} == {"dijkstra"}
-    assert {plan.planner for plan in slowly} == {"pyperplan"}
-    assert [plan.cost for plan in at_once] == [plan.cost for plan in slowly]
-
-
-def test_what_is_more_than_little_work_is_planned_in_a_worker() -> None:
-    large = supplied(AT_ONCE_COMPONENTS // 2)
-    planners = PlannerPool(size=1, spare=0, planners=("asp",))
-    try:
-        found = planners.plans_now(large, [], [["rail"]], PlanOptions(planner="asp", timeout_s=60.0))[0]
-        assert (found.outcome, found.planner) == (Outcome.SOLVED, "asp")
-        assert planners.pids
-    finally:
-        planners.close()
 
 
 def supplied(devices: int) -> ComponentModel:

@@ -9,13 +9,10 @@ from tests.planning.robots import ALL_OFF, NODES, POWER_UP, TEDUSAR, texts
 
 from robomend.errors import OptionRefused, UnknownComponent
 from robomend.model.components import ComponentModel, Hardware, Node
-from robomend.planning.domain.loading import load_domain, shipped
+from robomend.planning.domain.loading import shipped
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
-from robomend_bench.suites.plans import broken
-from robomend_client.literals import Atom, fails, holds
-
-PAPER = shipped("paper-repair.pddl")
+from robomend_client.literals import fails, holds
 
 
 def position(plan: Plan, text: str) -> int:
@@ -35,36 +32,6 @@ def test_power_up_powers_the_devices_before_it_starts_their_drivers(planner: str
     assert plan.assumed == ()
 
 
-def test_independent_repairs_run_side_by_side() -> None:
-    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP)
-    after = {str(step): {str(plan.steps[i]) for i in step.after} for step in plan.steps}
-    assert after["start_node(jaguar_node)"] == {"power_up(jaguar)"}
-    assert after["start_node(hector_mapping)"] == {"start_node(hokuyo_node)"}
-    assert after["start_node(rviz)"] == set()
-    assert after["power_up(jaguar)"] == after["power_up(hokuyo)"] == set()
-
-
-def test_a_device_that_lost_power_is_switched_on_and_its_driver_restarted(planner: str) -> None:
-    plan = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], PlanOptions(planner=planner))
-    assert texts(plan) == ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node)"]
-    assert plan.steps[2].after == (1,)  # and stop_node is after power_up: it stops what turned bad
-
-
-def test_a_device_that_hangs_is_power_cycled(planner: str) -> None:
-    plan = plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"], PlanOptions(planner=planner))
-    assert texts(plan) == [
-        "shutdown(hokuyo)",
-        "power_up(hokuyo)",
-        "stop_node(hokuyo_node)",
-        "start_node(hokuyo_node)",
-    ]
-
-
-def test_the_papers_own_domain_only_switches_the_device_on(planner: str) -> None:
-    options = PlanOptions(planner=planner, domain=PAPER)
-    assert texts(plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], options)) == ["power_up(jaguar)"]
-
-
 def test_each_diagnosis_is_planned_for_and_those_after_the_time_have_no_answer() -> None:
     seen = [fails("on", "jaguar")]
     for timeout_s in (None, 60.0):
@@ -72,26 +39,6 @@ def test_each_diagnosis_is_planned_for_and_those_after_the_time_have_no_answer()
         assert [plan.outcome for plan in both] == [Outcome.SOLVED] * 2
     late = plans_for(TEDUSAR, seen, [["jaguar"], ["jaguar_node"]], PlanOptions(timeout_s=0.0))
     assert late[1].outcome is Outcome.GAVE_UP
-
-
-def test_a_healthy_robot_needs_no_plan(planner: str) -> None:
-    plan = plan_for(TEDUSAR, [], [], PlanOptions(planner=planner))
-    assert (plan.outcome, plan.steps, plan.cost) == (Outcome.SOLVED, (), 0)
-
-
-def test_a_plan_says_the_state_that_it_starts_from_without_what_never_changes() -> None:
-    plan = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"])
-    assert {
-        Atom("off", ("jaguar",)),
-        Atom("bad", ("jaguar",)),
-        Atom("running", ("imu_node",)),
-    } <= plan.initial
-    assert not {atom.predicate for atom in plan.initial} & load_domain().static
-
-
-def test_a_planner_that_there_is_not_is_refused_before_there_is_anything_to_plan() -> None:
-    with pytest.raises(OptionRefused, match="nonesuch"):
-        plans_for(TEDUSAR, [], [], PlanOptions(planner="nonesuch"))
 
 
 def test_steps_say_what_they_need_and_do_in_the_models_words() -> None:
@@ -139,12 +86,6 @@ def test_quarantined_components_are_left_alone_and_what_needs_them_is_named() ->
         "jaguar_node: start_node(jaguar_node) needs good(jaguar), and power_up(jaguar) is refused: "
         "jaguar is left alone",
     )
-
-
-def test_a_driver_in_quarantine_is_restarted_where_its_device_is_what_is_repaired() -> None:
-    left_alone = PlanOptions(quarantined=("hokuyo_node",))
-    assert texts(plan_for(TEDUSAR, (), ("hokuyo_node",), left_alone)) == []
-    assert texts(plan_for(TEDUSAR, (), ("hokuyo",), left_alone)) == texts(plan_for(TEDUSAR, (), ("hokuyo",)))
 
 
 def test_what_a_supply_drags_along_is_restarted_in_quarantine_or_not() -> None:
@@ -203,32 +144,6 @@ def test_what_hangs_on_a_supply_comes_back_with_it_and_its_drivers_restart(plann
     assert texts(safe) == []
 
 
-def test_a_supply_takes_the_drivers_of_all_that_it_feeds_with_it_also_through_a_hub_with_a_channel(
-    planner: str,
-) -> None:
-    hardware = {
-        "psu": Hardware("psu", 0),
-        "hub": Hardware("hub", 1, fed_by=("psu",)),
-        "camera": Hardware("camera", 2, fed_by=("hub",)),
-        "lidar": Hardware("lidar", 3, fed_by=("psu",)),
-        "mic": Hardware("mic", None, fed_by=("hub",)),
-    }
-    drivers = {"camera_node": "camera", "lidar_node": "lidar", "mic_node": "mic"}
-    nodes = {name: Node(name, drives=(device,), publishes={device: ()}) for name, device in drivers.items()}
-    robot, options = ComponentModel("r", hardware, nodes, {}), PlanOptions(planner=planner)
-
-    def restarted(*names: str) -> set[str]:
-        return {f"{action}({name})" for action in ("stop_node", "start_node") for name in names}
-
-    off = plan_for(robot, [fails("on", "psu")], ["psu"], options)
-    assert texts(off)[0] == "power_up(psu)"
-    assert set(texts(off)) == {"power_up(psu)", *restarted(*nodes)}
-    cycled = plan_for(robot, [], ["hub"], options)
-    assert set(texts(cycled)) == {"shutdown(hub)", "power_up(hub)", *restarted("camera_node", "mic_node")}
-    both = texts(plan_for(robot, [fails("on", "psu"), fails("on", "camera")], ["psu", "camera"], options))
-    assert both.index("power_up(psu)") < both.index("power_up(camera)")
-
-
 def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users_action(planner: str) -> None:
     spare = """
     (define (domain robot-repair)
@@ -246,11 +161,6 @@ def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users
     assert texts(plan_for(robot, off, ["gps_b"], options)) == []
     quarantined = replace(options, expected_stopped=(), quarantined=("gps_b",))
     assert texts(plan_for(robot, off, ["gps_a"], quarantined)) == ["shutdown(gps_a)", "power_up(gps_a)"]
-
-
-def test_a_model_may_mark_what_is_protected() -> None:
-    robot = replace(TEDUSAR, hardware={**TEDUSAR.hardware, "hokuyo": Hardware("hokuyo", 3, protected=True)})
-    assert texts(plan_for(robot, [], ["hokuyo"])) == []
 
 
 def test_names_that_are_not_the_models_are_refused() -> None:
@@ -275,25 +185,6 @@ def test_names_may_hold_what_pddl_cannot() -> None:
 
 
 # --- structure ------------------------------------------------------------------------------------
-
-
-def test_a_cycle_of_topics_keeps_nobody_from_starting(planner: str) -> None:
-    nodes = {
-        "a": Node("a", publishes={"ta": ("tb",)}),
-        "b": Node("b", publishes={"tb": ("ta",)}),
-        "c": Node("c", publishes={"tc": ("ta",)}),
-    }
-    robot = ComponentModel("r", {}, nodes, {})
-    plan = plan_for(robot, broken(robot, nodes), nodes, PlanOptions(planner=planner))
-    assert plan.outcome is Outcome.SOLVED
-    assert position(plan, "start_node(a)") < position(plan, "start_node(c)")
-
-
-def test_what_is_tied_restarts_too(planner: str) -> None:
-    nodes = {"core": Node("core"), "bridge": Node("bridge", tied_to=("core",))}
-    robot = ComponentModel("r", {}, nodes, {})
-    plan = plan_for(robot, [], ["core"], PlanOptions(planner=planner))
-    assert set(texts(plan)) == {f"{verb}({node})" for verb in ("stop_node", "start_node") for node in nodes}
 
 
 def test_what_is_tied_to_a_node_that_ended_restarts_after_that_is_back(planner: str) -> None:
@@ -380,13 +271,6 @@ def test_what_is_not_known_to_have_ended_is_stopped_first(planner: str) -> None:
     assert texts(plan_for(robot, seen, ["a"], paper)) == ["start_node(a)"]
 
 
-def test_feeders_come_first(planner: str) -> None:
-    hardware = {"arm": Hardware("arm", 1, fed_by=("psu",)), "psu": Hardware("psu", 0)}
-    robot = ComponentModel("r", hardware, {}, {})
-    plan = plan_for(robot, broken(robot, hardware), hardware, PlanOptions(planner=planner))
-    assert texts(plan) == ["power_up(psu)", "power_up(arm)"]
-
-
 def test_goals_that_exclude_each_other_are_said_honestly(planner: str) -> None:
     """The device comes back only at the price of a driver that cannot be restarted."""
     nodes = {"driver": Node("driver", ("arm",), restartable=False)}
@@ -395,8 +279,3 @@ def test_goals_that_exclude_each_other_are_said_honestly(planner: str) -> None:
     assert plan.outcome is Outcome.UNSOLVABLE
     assert plan.unreachable == ("driver: cannot be made good together with arm",)
     assert texts(plan) == ["shutdown(arm)", "power_up(arm)"]
-
-
-def test_the_cost_of_a_component_scales_its_actions() -> None:
-    robot = replace(TEDUSAR, hardware={**TEDUSAR.hardware, "hokuyo": Hardware("hokuyo", 3, cost=2.0)})
-    assert plan_for(robot, [fails("on", "hokuyo")], ["hokuyo"]).cost == 20 + 1 + 3

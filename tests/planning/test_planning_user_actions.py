@@ -43,17 +43,6 @@ USB = """
 """
 
 
-def test_the_users_own_action_is_planned_with(planner: str) -> None:
-    plan = plan_for(TEDUSAR, [], ["imu"], PlanOptions(planner=planner, domain=USB))
-    assert texts(plan) == ["reset_usb(usb1)", "stop_node(imu_node)", "start_node(imu_node)"]
-
-
-def test_what_acts_on_the_users_objects_comes_before_what_acts_on_nodes_where_the_order_is_free() -> None:
-    plan = plan_for(TEDUSAR, [], ["imu", "hokuyo_node"], PlanOptions(domain=USB))
-    assert texts(plan)[0] == "reset_usb(usb1)"
-    assert {"stop_node(hokuyo_node)", "start_node(hokuyo_node)"} < set(texts(plan))
-
-
 def test_the_example_stops_a_driver_that_is_well_before_its_device_is_reset(planner: str) -> None:
     path = Path(__file__).parents[2] / "examples" / "actions" / "driver_first.pddl"
     recipe = path.read_text(encoding="utf-8")
@@ -97,16 +86,6 @@ def test_a_spare_takes_over_where_the_device_cannot_come_back(planner: str) -> N
     ]
     seen = [holds("on", "lidar2")]
     assert texts(plan_for(robot, seen, ["lidar"], options)) == []
-
-
-def test_users_actions_respect_protection_too(planner: str) -> None:
-    robot = ComponentModel("r", {"lidar": Hardware("lidar", 1), "lidar2": Hardware("lidar2", 2)}, {}, {})
-    options = PlanOptions(planner=planner, domain=SPARE)
-    seen = [fails("on", "lidar2")]
-    assert "switch_to_spare(lidar, lidar2)" in texts(plan_for(robot, seen, ["lidar"], options))
-    safe = plan_for(robot, seen, ["lidar"], replace(options, protected=("lidar",)))
-    assert texts(safe) == ["power_up(lidar2)"]
-    assert "refused" in safe.unreachable[0]
 
 
 def test_an_action_is_refused_for_what_it_switches_off_whatever_else_it_changes(planner: str) -> None:

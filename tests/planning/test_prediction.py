@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robomend.model.cnf import HealthCnf, Rule
 from robomend.planning.plan import Step
-from robomend.planning.prediction import THEORIES, Prediction, Theory, observable, theory_of
+from robomend.planning.prediction import Prediction, Theory, observable
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ON, RUNNING, SCAN = Atom("on", ("lidar",)), Atom("running", ("driver",)), Atom("ok", ("scan",))
@@ -98,12 +98,3 @@ def test_what_is_derived_follows(variables: list[set[int]], data: st.DataObject)
         if healthy and model:
             for literal in derived:
                 assert values[2 + system.atoms.index(literal.atom)] == literal.positive
-
-
-def test_the_index_of_a_system_is_made_once_and_not_kept_for_ever() -> None:
-    assert theory_of(ROBOT) is theory_of(ROBOT)
-    first = theory_of(ROBOT)
-    others = [cnf((-1, 3)) for _ in range(THEORIES)]
-    for other in others:
-        theory_of(other)
-    assert theory_of(ROBOT) is not first

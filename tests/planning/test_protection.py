@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 from tests.planning.robots import texts
 
-from robomend.model.components import KINDS, Component, ComponentModel, Hardware, Node
+from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.planning import PlanOptions, plan_for
-from robomend.planning.protection import marked, protected_channels, protection
-from robomend.robots.configuration import RobotConfig, protected_of
+from robomend.planning.protection import protected_channels, protection
 from robomend_client.literals import fails
 
 ARM = ComponentModel(
@@ -61,11 +60,6 @@ def test_a_device_is_protected_with_its_driver_and_so_is_what_feeds_it() -> None
     assert protection(driven, ["arm"]).keys() == {"arm", "hub", "rail"}  # its driver may be restarted
 
 
-def test_a_protected_channel_protects_its_device_and_what_feeds_it() -> None:
-    assert marked(ARM, [4]) == {"lamp"}
-    assert set(protection(ARM, marked(ARM, [4]))) == {"lamp", "hub", "rail"}
-
-
 def test_the_channels_are_those_of_protected_devices_and_those_that_are_named() -> None:
     assert protected_channels(ARM, protection(ARM, ["arm"]), [7]) == {
         0: "nothing switches it off",
@@ -73,15 +67,6 @@ def test_the_channels_are_those_of_protected_devices_and_those_that_are_named() 
         3: "arm is protected",
         7: "nothing switches it off",
     }
-
-
-def test_no_plan_restarts_a_node_that_a_protected_one_is_tied_to(planner: str) -> None:
-    options = PlanOptions(planner=planner)
-    restarts = ["stop_node(moveit)", "start_node(moveit)", "stop_node(traj_ctl)", "start_node(traj_ctl)"]
-    assert texts(plan_for(ARM, [], ["moveit"], options))[: len(restarts)] == restarts
-    safe = plan_for(ARM, [], ["moveit"], PlanOptions(planner=planner, protected=("traj_ctl",)))
-    assert texts(safe) == []
-    assert "stop_node(moveit) is refused: traj_ctl, tied to it, is protected" in safe.unreachable[0]
 
 
 RESPAWN = """
@@ -123,18 +108,6 @@ def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restar
     assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
 
 
-def test_what_is_protected_and_bad_already_is_not_broken_once_more(planner: str) -> None:
-    nodes = {
-        "bridge": Node("bridge", publishes={"relay": ()}, tied_to=("core",)),
-        "core": Node("core", publishes={"beat": ()}),
-    }
-    pair = replace(ARM, nodes=nodes)
-    options = PlanOptions(planner=planner, domain=RESPAWN)
-    assert "respawn(core)" in texts(plan_for(pair, [], ["bridge", "core"], options))
-    safe = plan_for(pair, [], ["bridge", "core"], replace(options, protected=("bridge",)))
-    assert "respawn(core)" not in texts(safe)
-
-
 RESET = """
 (define (domain robot-repair)
   (:action reset
@@ -156,38 +129,3 @@ def test_nothing_resets_the_device_of_a_protected_driver_and_what_is_off_is_swit
     assert "arm_d, its driver, which would have to restart after it, is protected" in kept.unreachable[0]
     off = plan_for(driven, [fails("on", "arm")], ["arm"], safe)
     assert texts(off) == ["power_up(arm)"]
-
-
-CUT = """
-(define (domain robot-repair)
-  (:predicates (cures ?h - hardware ?n - node))
-  (:action cut
-    :parameters (?n - node ?h - hardware)
-    :precondition (and (cures ?h ?n) (on ?h) (bad ?n))
-    :effect (and (good ?n) (not (bad ?n)) (off ?h) (not (on ?h)) (increase (total-cost) 1)))
-  (:init (cures rail moveit)))
-"""
-
-
-def test_a_user_s_action_switches_off_no_feeder_of_what_is_protected(planner: str) -> None:
-    options = PlanOptions(planner=planner, domain=CUT)
-    assert "cut(moveit, rail)" in texts(plan_for(ARM, [], ["moveit"], options))
-    safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("lamp",)))
-    assert "cut(moveit, rail)" not in texts(safe)
-
-
-@dataclass(frozen=True, slots=True)
-class Battery(Component):
-    section = "batteries"
-    what = "battery"
-    state = "charged"
-    lost = ("flat",)
-
-
-def test_a_component_of_any_kind_may_be_protected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend.model.components.KINDS", (*KINDS, Battery))
-    batteries = {"main": Battery("main", protected=True), "spare": Battery("spare")}
-    cart = replace(ARM, others={"batteries": batteries})
-    assert marked(cart) == {"main"}
-    assert protection(cart, ["spare"]) == {"main": "main is protected", "spare": "spare is protected"}
-    assert protected_of(RobotConfig("r1", "cart", protected=("spare",)), cart) == ("main", "spare")

@@ -52,12 +52,6 @@ def test_the_fault_mode_decides_which_act_comes_first() -> None:
     assert texts(planned({})) == ["stop_node(camera)", "start_node(camera)"]  # the cheapest, as ever
 
 
-def test_of_a_mode_that_is_not_known_each_counts_alike() -> None:
-    found = rates(model(), {}, ())
-    assert found["restart", "camera"].mean == pytest.approx(0.475)
-    assert found["redeploy", "camera"].mean == pytest.approx(0.925)
-
-
 def test_outcomes_change_what_is_given_and_the_order_with_it() -> None:
     text = CAMERA.replace("{soft: 0.9, hard: 0.05}", "0.6").replace("{soft: 0.9, hard: 0.95}", "0.4")
     assert texts(planned(rates(model(text), {}, ()), text)) == ["stop_node(camera)", "start_node(camera)"]
@@ -79,13 +73,6 @@ def test_where_nothing_is_given_a_few_outcomes_or_good_ones_change_nothing() -> 
     found = rates(model(plain), {}, [vain] * 2 + [good] * 2)["restart", "camera"]
     assert (found.given, found.mean) == (False, 0.75)
     assert ("redeploy", "gone") not in rates(model(plain), {}, [Tried("gone", frozenset({"x"}), False)] * 9)
-
-
-def test_outcomes_of_another_mode_or_of_two_acts_say_nothing() -> None:
-    of_hard = [Tried("camera", frozenset({"restart"}), False, "hard")] * 9
-    both = [Tried("camera", frozenset({"restart", "redeploy"}), True, "soft")] * 9
-    assert rates(model(), {"camera": "soft"}, [*of_hard, *both])["restart", "camera"].of == 0
-    assert rates(model(), {"camera": "hard"}, of_hard)["restart", "camera"].of == 9
 
 
 def test_a_power_cycle_has_a_rate_of_its_own() -> None:

@@ -6,10 +6,9 @@ import pytest
 
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning import planning
-from robomend.planning.decomposition import Part, PartAction
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Outcome
-from robomend.planning.planning import PlanOptions, forget, plan_for, stages
+from robomend.planning.planning import PlanOptions, forget, plan_for
 from robomend.planning.problem import repair_problem
 from robomend.planning.validation import validate
 from robomend_bench.suites.plans import broken, random_robot, some_bad
@@ -33,16 +32,6 @@ def test_a_power_supply_that_hangs_is_cycled_and_whatever_it_feeds_comes_back_wi
     domain = load_domain()
     problem = repair_problem(robot, domain, [], ["psu"])
     assert validate(domain, problem, named, problem.goal) is None
-
-
-def test_who_needs_something_comes_in_a_stage_after_those_who_write_it() -> None:
-    def action(needs: set[int], adds: set[int], *deletes: int) -> PartAction:
-        return PartAction(1.0, frozenset(needs), frozenset(adds), frozenset(deletes))
-
-    chain = (action({1}, {2}), action({0}, {1}), action(set(), {0}))
-    assert stages(Part(3, chain, frozenset(), frozenset({2}))) == [[2], [1], [0]]
-    circle = (action({1}, {2}), action({0}, {1}), action(set(), {0}), action({2}, set(), 0))
-    assert stages(Part(3, circle, frozenset(), frozenset({2}))) == [[2], [0, 1, 3]]
 
 
 @pytest.mark.parametrize("planner", ["pyperplan", "asp"])

@@ -47,18 +47,6 @@ def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too(
     assert found[0] == found[1] < found[2]
 
 
-def test_one_restart_more_in_vain_says_less_than_the_first() -> None:
-    """Whose successor was mute once may have another mute one; it is no news that this one is."""
-    diagnoses = [Diagnosis(("driver",)), Diagnosis(("other",))]
-    first, second = tried("driver"), tried("driver", at_s=1)
-    for attempts, left in (([first], 0.1), ([first, second], 0.05), ([second, first], 0.05)):
-        driver, other = weights(diagnoses, attempts, now_ns=2 * SECOND)
-        assert driver / other == pytest.approx(left)
-    unseen = tried("driver", seen=False)  # nothing was learned of the successor
-    driver, other = weights(diagnoses, [unseen, second], now_ns=2 * SECOND)
-    assert driver / other == pytest.approx(0.5 * 0.1)
-
-
 def test_a_power_cycle_in_vain_says_half_as_much_against_a_device_as_it_would_cure_it() -> None:
     """One that is broken is not cured by it; that its driver was restarted with it says as much as ever."""
     diagnoses = [Diagnosis(("lidar",)), Diagnosis(("driver",)), Diagnosis(("other",))]
@@ -105,13 +93,6 @@ def test_a_driver_that_was_restarted_in_vain_beside_another_is_not_restarted_wit
     assert choose(candidates, [tried(" ".join(drivers))]).diagnosis == Diagnosis(devices)
 
 
-def test_four_hundred_that_were_repaired_in_vain_do_not_underflow() -> None:
-    names = [f"c{index}" for index in range(400)]
-    in_vain = tried(" ".join(names), repaired=" ".join(names))
-    first, second = weights([Diagnosis(tuple(names)), Diagnosis((*names[1:], "x"))], [in_vain])
-    assert first / second == pytest.approx(Patience().seen_factor)
-
-
 def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
     diagnoses = [Diagnosis(("a",)), Diagnosis(("b",))]
     patience = Patience(memory_s=100)
@@ -123,32 +104,9 @@ def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
         assert choice.alternatives[0].failures == failures
 
 
-def test_each_further_component_makes_a_diagnosis_less_probable_by_one_factor() -> None:
-    found = weights(
-        [Diagnosis(("a",)), Diagnosis(("b", "c")), Diagnosis(("d", "e", "f"))],
-        patience=Patience(component_odds=0.1),
-    )
-    assert [round(one / found[0], 9) for one in found] == [1, 0.1, 0.01]
-    mixed = weights([Diagnosis(("a",), 0.9), Diagnosis(("b",))])  # a prior that only one has is none
-    assert mixed == [0.5, 0.5]
-
-
-def test_what_was_tried_long_ago_is_forgotten() -> None:
-    late = int(Patience().memory_s + 10) * SECOND
-    assert weights([Diagnosis(("a",)), Diagnosis(("b",))], [tried("a")], now_ns=late) == [0.5, 0.5]
-
-
 def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
     diagnoses = [Diagnosis(("a", "b")), Diagnosis(("c",)), Diagnosis(())]
     assert [one.bad for one in leading(diagnoses)] == [("c",), ("a", "b")]
-
-
-def test_a_hundred_bad_components_do_not_underflow() -> None:
-    many = tuple(f"c{i}" for i in range(400))
-    assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
-    assert weights([Diagnosis(("x",)), Diagnosis(many)]) == [1.0, 0.0]
-    one_more = weights([Diagnosis(many), Diagnosis((*many, "x"))])
-    assert abs(one_more[1] / one_more[0] - Patience().component_odds) < 1e-9
 
 
 def test_an_attempt_remembers_only_what_was_carried_out() -> None:

@@ -21,20 +21,6 @@ def loaded(*planners: str, then: str = "") -> str:
     return done.stdout.strip()
 
 
-def test_the_default_planner_loads_unified_planning_without_what_it_has_no_use_for() -> None:
-    assert loaded("pyperplan") == "unified_planning"
-
-
-def test_clingo_needs_no_unified_planning() -> None:
-    assert loaded("asp") == "clingo"
-
-
-def test_whoever_imports_config_space_afterwards_gets_the_real_one() -> None:
-    pytest.importorskip("ConfigSpace", reason="it comes with Unified Planning 1.3")
-    then = "import ConfigSpace; ConfigSpace.ConfigurationSpace({'a': (0, 1)})"
-    assert "scipy" in loaded("pyperplan", then=then)
-
-
 @pytest.mark.parametrize(("before", "after"), [("NOTSET", "WARNING"), ("ERROR", "ERROR")])
 def test_the_planner_that_logs_each_step_of_its_search_says_only_what_is_worth_a_warning(
     before: str, after: str

@@ -7,7 +7,7 @@ from tests.planning.robots import TEDUSAR
 from robomend.model.loops import strong_components
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.grounding import Grounder
-from robomend.planning.problem import needs_of, repair_problem
+from robomend.planning.problem import repair_problem
 from robomend.planning.validation import Named, replay, validate
 from robomend_client.literals import fails
 
@@ -58,18 +58,6 @@ def test_the_initial_state_holds_exactly_one_of_each_pair() -> None:
     for fact in PROBLEM.initial:
         if fact[0] in ("off", "stopped"):
             assert ("bad", fact[1]) in PROBLEM.initial
-
-
-def test_needs_follow_from_inputs() -> None:
-    assert needs_of(TEDUSAR) == {("hector_mapping", "hokuyo_node"), ("jaguar_teleop_node", "joy_node")}
-
-
-def test_strong_components_come_after_what_they_lead_to() -> None:
-    graph = {"a": ["b"], "b": ["c"], "c": ["b", "d"], "d": [], "e": ["a"]}
-    found = strong_components(graph)
-    assert found["b"] == found["c"]
-    assert len(set(found.values())) == 4
-    assert all(found[one] >= found[other] for one, others in graph.items() for other in others)
 
 
 def test_a_chain_of_ten_thousand_is_no_deeper_than_python() -> None:

@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 from tests.repairs.robot import Robot, robot_on, running, service, the_repair
 
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
-from robomend.repairs.account import MOST, _observed, account, grounds, not_chosen, outcome
-from robomend.repairs.record import _decided
+from robomend.repairs.account import MOST, account, grounds, outcome
 from robomend_client.literals import fails, holds
-from robomend_client.readings import Reading, Symptom
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
 
@@ -29,30 +27,6 @@ def test_grounds_are_bounded_and_symptoms_come_in_the_order_in_which_they_began(
         f"not ok(t{n})" for n in range(29, 29 - MOST, -1)
     ]
     assert found["symptoms_left_out"] == 30 - MOST
-
-
-def test_only_conflicts_that_the_choice_resolves_are_told() -> None:
-    conflicts = tuple(
-        Conflict((name,), (fails("ok", "t"),), (), f"conflict of {name}") for name in ("a", "b")
-    )
-    result = DiagnosisResult(("a", "b"), (Diagnosis(("a",)),), True, None, conflicts, 0.0)
-    choice = choose([Candidate(Diagnosis(("a",)), NO_PLAN)])
-    assert choice.diagnosis is None
-    assert grounds(result, choice, [])["conflicts"] == []
-
-
-def test_the_outcome_is_what_is_known_of_the_symptoms_then() -> None:
-    round_ = {"symptoms": [{"literal": "not ok(scan)"}, {"literal": "not ok(map)"}]}
-    entry = Entry(holds("ok", "scan"), "agent", 9, None, 5)
-    assert outcome(round_, {entry.atom: entry}) == [{"literal": "ok(scan)", "since_ns": 5, "onset_ns": None}]
-
-
-def test_what_was_measured_of_a_symptom_is_in_the_account() -> None:
-    silent = Reading("0 of 10 Hz for 2.1 s", symptom=Symptom.SILENT)
-    entry = Entry(fails("ok", "scan"), "agent", 9, None, 5, reading=silent)
-    [seen] = outcome({}, {entry.atom: entry})
-    assert seen["reading"] == {"value": str(silent), "symptom": "silent", "text": str(silent)}
-    assert _observed(seen) == "not ok(scan) since 00:00:00.000: 0 of 10 Hz for 2.1 s"
 
 
 def test_the_outcome_names_what_does_not_hold_and_was_no_symptom_when_the_round_began() -> None:
@@ -148,20 +122,6 @@ def test_each_round_has_its_time_and_what_was_waited_for_before_it() -> None:
     ]
 
 
-def test_what_it_took_to_decide_is_told_if_it_was_a_second_and_nothing_else_tells_of_it() -> None:
-    told = _decided({}, 2 * S, 5 * S, ["driver"])["waits"]
-    words = "00:00:02.000 waiting for verdicts, a diagnosis and a plan: driver, for 3.0 s"
-    assert account({**REPAIR, "rounds": [ROUND], "waits": told})[1] == words
-    assert "waits" not in _decided({}, 2 * S, 3 * S - 1, ["driver"])
-    waiting = {"from_ns": 2 * S, "until_ns": None, "round": 1, "why": "for observers", "names": ["ok(scan)"]}
-    assert _decided({"waits": [waiting]}, 2 * S, 5 * S, ["driver"])["waits"] == [waiting]
-    over = {**waiting, "until_ns": 3 * S}
-    second = _decided({"waits": [over], "rounds": [ROUND]}, 4 * S, 5 * S, ["driver"])["waits"]
-    assert [one["round"] for one in second] == [1, 2]
-    many = [over] * MOST
-    assert _decided({"waits": many}, 2 * S, 5 * S, ["driver"])["waits"] == many
-
-
 @pytest.mark.parametrize(
     ("ending", "helped", "words"),
     [
@@ -180,17 +140,6 @@ def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
 ) -> None:
     done = {**ROUND, "ending": ending, "helped": helped, "reason": "as it was"}
     assert account({**REPAIR, "rounds": [done]})[-2] == f"  {words}"
-
-
-def test_a_plan_of_which_nothing_was_done_is_not_said_to_be_of_no_help() -> None:
-    untouched = {**STEP, "state": "waiting", "sent_ns": None, "ended_ns": None}
-    said = {**ROUND, "plan": [untouched], "ending": "cancelled", "reason": "not today"}
-    assert account({**REPAIR, "rounds": [said]})[-2] == "  nothing of it was done: not today"
-
-
-def test_the_record_of_an_older_version_is_told_too() -> None:
-    old = {name: value for name, value in ROUND.items() if name != "began_ns"}
-    assert account({**REPAIR, "rounds": [old]})[1] == "round 1: driver blamed"
 
 
 @pytest.mark.anyio
@@ -217,19 +166,6 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text
     assert f" repaired: {repair['reason']}" in told[-1]
-
-
-def test_a_rival_that_lost_on_a_tie_is_told_as_that() -> None:
-    done = {"weight": 0.5, "plan": [{"cost": 29.0}]}
-    rival = {"bad": ["hub"], "why": "hub: helps with probability 0.5 at cost 29", "weight": 0.5, "helps": 0.5}
-    told = "not chosen (weight 0.5): hub: helps with probability 0.5 at cost 29"
-    assert not_chosen({**rival, "cost": 29.0}, done) == f"{told}; as good"
-    assert not_chosen({**rival, "cost": 30.0}, done) == f"{told}; dearer than 29"
-    assert not_chosen({**rival, "cost": 28.0}, done) == told
-    # It may help more probably than what was chosen: a cycle restarts the driver, too.
-    likelier = {**rival, "cost": 30.0, "helps": 0.95, "weight": 0.1}
-    assert not_chosen(likelier, done).endswith("; a less probable cause, and dearer than 29")
-    assert not_chosen({**likelier, "cost": 29.0}, done).endswith("; a less probable cause")
 
 
 def test_a_step_that_was_sent_again_says_how_often_and_one_that_never_was_is_not_waiting_for_ever() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, nothing_begins, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, nothing_begins, robot_on, running, service
 
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -81,19 +81,6 @@ async def test_nothing_is_done_about_what_two_computers_contradict_each_other_ab
                 while await runtime.repairs.findings("r1"):
                     await asyncio.sleep(0.02)
     assert robot.done == []
-
-
-async def test_a_fault_that_both_see_is_repaired(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime):
-            pass
-        robot = TwoComputers(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.settled()
-            robot.running["lidar_node"] = False
-            repair = await the_repair(runtime)
-    assert repair["state"] == "repaired", repair["reason"]
-    assert robot.done == ["start_node(lidar_node)"]
 
 
 async def test_where_the_deaf_one_is_believed_its_word_is_acted_upon(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from robomend.repairs.calm import Calm
 from robomend.repairs.hearing import Attendance
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
-from robomend.robots.sight import Sight
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -62,31 +61,6 @@ async def test_health_would_change_it() -> None:
 
 async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None:
     assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
-
-
-async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    first, second = diagnosed(("mapping",)), diagnosed(("driver", "mapping"))
-    state = SimpleNamespace(sight=SimpleNamespace(vouched=lambda: (Literal(MAP, False),)), revision=1)
-    asked: list[DiagnosisResult] = []
-
-    async def diagnose(literals: Iterable[Literal]) -> DiagnosisResult:
-        state.revision = 2  # the other symptom comes in the middle of it
-        asked.append(second)
-        return second
-
-    async def newest() -> DiagnosisResult:
-        return second
-
-    async def choose(result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
-        raise AssertionError("nothing needs to be planned for this")
-
-    nobody = cast(Any, None)
-    waiting = Calm(cast(Any, state), nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
-    monkeypatch.setattr(waiting, "_pending", lambda: {SCAN: CLOCK.now_ns() + 60 * S})
-    assert await waiting.settled(first) is second
-    assert asked
 
 
 async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
@@ -149,32 +123,6 @@ async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(t
     assert now_ns < pending[SCAN] < now_ns + 2 * S
 
 
-@pytest.mark.parametrize("cut_off", ["far", "near"])
-async def test_what_rests_on_what_a_host_says_that_is_heard_again_is_given_time_to_come_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut_off: str
-) -> None:
-    """The input was good all along, where it is published: only nobody else heard of it."""
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        now_ns = CLOCK.now_ns()
-        await said(runtime, now_ns - 200 * S, "far", scan=(True, 1))
-        await said(runtime, now_ns - 90 * S, "near", map=(False, 10))
-        assert MAP not in calm._pending()
-        again = {cut_off: now_ns - 2 * S}
-        monkeypatch.setattr(Sight, "heard_again_ns", lambda self, source: again.get(source))
-        assert calm._pending()[MAP] > now_ns + 50 * S
-
-
-async def test_when_one_of_what_a_supply_feeds_is_back_the_others_are_given_time_too(tmp_path: Path) -> None:
-    hub = MODEL.replace("  base: {channel: 7}", "  hub: {}\n  base: {channel: 7, fed_by: [hub]}")
-    hub = hub.replace("  lidar: {channel: 3}", "  lidar: {channel: 3, fed_by: [hub]}")
-    for model, waited_for in ((MODEL, False), (hub, True)):
-        async with waiting_for_verdicts(tmp_path / str(waited_for), model) as (runtime, calm):
-            now_ns = CLOCK.now_ns()
-            await said(runtime, now_ns - 90 * S, scan=(False, 10), odom=(False, 10))
-            await said(runtime, now_ns - 5 * S, odom=(True, 2))
-            assert (SCAN in calm._pending()) is waited_for
-
-
 def planned(*acts: str) -> Plan:
     """Return a plan that switches the lidar, as far as it matters here."""
     off = {"shutdown": True, "power_up": False}
@@ -183,26 +131,6 @@ def planned(*acts: str) -> Plan:
         for n, act in enumerate(acts)
     )
     return Plan(Outcome.SOLVED, steps, float(len(steps)), "none", frozenset(), (), (), (), 0.0)
-
-
-async def test_power_is_not_cut_at_once_for_what_may_come_back_by_itself_nor_waited_for_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cycle = planned("shutdown", "power_up")
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        written: dict[str, Any] = {}
-        monkeypatch.setattr(calm, "_record", SimpleNamespace(data=written))
-        monkeypatch.setattr(calm, "_start_up_s", lambda name: 30.0)
-        now_ns = CLOCK.now_ns()
-        assert calm._may_be_back_ns(cycle) == 0  # there is no symptom
-        await said(runtime, now_ns - 1 * S, scan=(False, 20))
-        end_ns = calm._may_be_back_ns(cycle)
-        assert end_ns == pytest.approx(now_ns + (30 - 21 + 60) * S, abs=S)  # to start, and to be seen
-        await said(runtime, now_ns, map=(False, 1))
-        assert calm._may_be_back_ns(cycle) == end_ns  # whatever falls after it
-        assert calm._may_be_back_ns(planned("power_up")) == 0
-        written["rounds"] = [{"plan": []}]
-        assert calm._may_be_back_ns(cycle) == 0
 
 
 async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_again(

@@ -215,31 +215,6 @@ async def test_a_dead_device_is_bridged_at_once_and_the_robot_is_degraded(tmp_pa
         assert texts(changes[1:]) == [("odometry", "lidar", "changed")]
 
 
-async def test_a_repair_that_is_cheaper_comes_first(tmp_path: Path) -> None:
-    """To start the node costs 3, to change and to change back twice 5."""
-    async with service(tmp_path) as runtime, rover_on(runtime, policy="auto") as rover:
-        await rover.settled()
-        rover.driver = False
-
-        async def repaired() -> bool:
-            found = await runtime.repairs.repairs("r1", before=None, limit=1)
-            return bool(found) and found[0]["state"] == "repaired"
-
-        await until(repaired, "a repair")
-        assert rover.done == ["start_node(lidar_node)"]
-        assert await changes_of(runtime) == []
-
-
-async def test_a_slow_repair_is_bridged_and_then_it_goes_back(tmp_path: Path) -> None:
-    model = MODEL.replace("lidar_node: {", "lidar_node: {cost: 20, ")
-    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
-        await rover.settled()
-        rover.driver = False
-        changes = await ended(runtime, 2)
-        assert texts(changes) == [("lidar", "odometry", "changed"), ("odometry", "lidar", "changed")]
-        assert rover.done == ["localise(odometry)", "start_node(lidar_node)", "localise(lidar)"]
-
-
 async def test_a_variant_whose_act_fails_gives_way_to_the_next_one_and_that_is_said(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, rover_on(runtime) as rover:
         await rover.settled()
@@ -371,18 +346,6 @@ async def test_the_global_stop_stops_changes_as_well(tmp_path: Path) -> None:
         assert texts(changes[1:]) == [("medium", "low", "cancelled")]
         assert changes[1]["reason"] == "global stop: look again"
         rover.held.set()
-
-
-async def test_a_protected_component_and_a_forbidden_act_stay_as_they_are(tmp_path: Path) -> None:
-    model = MODEL.replace("localise(odometry)]", "stop_node(lidar_node), localise(odometry)]")
-    protected = model.replace("lidar_node: {drives", "lidar_node: {protected: true, drives")
-    async with service(tmp_path) as runtime, rover_on(runtime, protected) as rover:
-        await rover.settled()
-        rover.lidar = False
-        (change,) = await ended(runtime, 1)
-        assert change["state"] == "failed"
-        assert change["reason"].startswith("stop_node(lidar_node): lidar_node stays as it is")
-        assert rover.done == []
 
 
 async def test_what_the_acts_of_a_variant_stop_is_no_fault_while_it_is_active(tmp_path: Path) -> None:

@@ -30,16 +30,6 @@ def silent(*rounds: dict[str, Any], why: str = "nobody reported ok(scan)") -> st
     return reason
 
 
-def test_ends_that_differ_only_in_how_long_was_waited_are_told_once() -> None:
-    missing = "start_node(driver) answered 'done', but ok(scan) was not seen within"
-    longer = "which is longer than earlier starts took"
-    one = silent(vain(f"{missing} 0.8 s, {longer}"), vain(f"{missing} 5 s"))
-    said = "start_node(driver) answered 'done', but ok(scan) was not seen (2 times, the last within 5 s)"
-    assert one == f"{said}; nobody reported ok(scan)"
-    same = silent(vain(f"{missing} 5 s"), vain(f"{missing} 5 s"))
-    assert same == f"{missing} 5 s (2 times); nobody reported ok(scan)"
-
-
 def test_who_is_silent_is_told_after_what_was_tried_and_not_twice() -> None:
     assert silent() == "nobody reported ok(scan)"
     assert silent(vain("a failed")) == "a failed; nobody reported ok(scan)"

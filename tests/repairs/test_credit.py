@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.planning.tried import DEFAULT_PATIENCE
 from robomend.repairs import calm
 from robomend.repairs.account import account
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import BY_ITSELF
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -78,35 +77,6 @@ async def test_what_was_back_before_the_act_was_sent_is_credited_to_nobody(
     assert memory.tried == ()
 
 
-async def test_power_that_is_back_without_us_is_not_our_merit_and_its_driver_has_time_to_be_back_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The lidar loses its power for a moment; its driver does not connect again by itself."""
-    choose = Chooser.choose_in_turn
-    back_ns = 0
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-
-        async def meanwhile(chooser: Chooser, *about: Any, **options: Any) -> Any:
-            nonlocal back_ns
-            found = await choose(chooser, *about, **options)
-            if not robot.on["lidar"]:
-                robot.on["lidar"] = True
-                back_ns = CLOCK.now_ns()
-                await robot.settled()
-            return found
-
-        monkeypatch.setattr(Chooser, "choose_in_turn", meanwhile)
-        robot.cut("lidar")
-        repair = await the_repair(runtime)
-        memory = await known(runtime)
-    assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
-    assert repair["state"] == "repaired", repair["reason"]
-    sent_ns = min(step["sent_ns"] for one in repair["rounds"] for step in one["plan"] if step.get("sent_ns"))
-    assert sent_ns - back_ns > 0.9 * CONFIG["actions"]["start_node"]["effect_timeout_s"] * 1e9
-    assert [one.bad for one in memory.tried if one.helped] == [{"lidar_node"}]
-
-
 async def test_what_fails_again_within_its_observers_time_was_never_repaired(tmp_path: Path) -> None:
     """After each restart its observer says at once that all is well, and needs a second to see that not."""
 
@@ -135,17 +105,6 @@ async def test_what_fails_again_within_its_observers_time_was_never_repaired(tmp
     assert "start_node(lidar_node)" in robot.done
     assert repair["state"] == "escalated", repair["reason"]
     assert not any(done["helped"] for one in repairs for done in one["rounds"])
-
-
-async def test_what_its_own_act_brought_back_is_credited_to_it(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
-        memory = await known(runtime)
-    assert repair["state"] == "repaired"
-    assert [(done["helped"], done.get("by_itself")) for done in repair["rounds"]] == [(True, None)]
-    assert [one.helped for one in memory.tried] == [True]
 
 
 async def test_silence_that_is_over_is_believed_as_soon_as_it_would_be_noticed_again(tmp_path: Path) -> None:
@@ -217,19 +176,6 @@ async def test_who_is_not_heard_since_the_symptom_began_vouches_for_nothing_afte
     assert not any(done["helped"] for done in repair["rounds"])
     assert "far is, which was not heard for" in repair["rounds"][-1]["by_itself"]
     assert not any(one.helped for one in memory.tried)
-
-
-async def test_nothing_is_done_while_a_host_is_cut_off_for_a_moment(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime, detection_s=0.2):
-            pass
-        robot = TwoHosts(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.spoken()
-            robot.drop(2.0)
-            repair = await the_repair(runtime)
-    assert robot.done == [], repair
-    assert (repair["state"], repair["reason"]) == ("repaired", BY_ITSELF)
 
 
 async def test_who_speaks_on_change_only_vouches_for_what_it_said(tmp_path: Path) -> None:

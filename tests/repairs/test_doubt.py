@@ -17,9 +17,6 @@ from tests.repairs.remote import awaits, ended, latest, remote_robot, services
 from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
 from tests.waiting import for_ever
 
-from robomend.store import agent_actions, audit
-from robomend_client.actions import UNREACHABLE
-
 pytestmark = pytest.mark.anyio
 
 TIMEOUT_S = 3.0
@@ -80,29 +77,6 @@ async def test_cancelled_under_way_it_is_asked_about_before_anything_is_planned_
     assert robot.done.count("recalibrate(base_node)") == 2  # sent again, as somebody looked
 
 
-async def test_a_person_who_asks_for_a_repair_is_asked_back_and_cancelling_answers_it(tmp_path: Path) -> None:
-    habit = AtIt()
-    async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(30.0)) as robot:
-        robot.spoil = habit
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        await habit.begun.wait()
-        [under_way] = await runtime.repairs.repairs("r1", before=None, limit=1)
-        await runtime.repairs.cancel(under_way["id"], by="ann", reason="wait")
-        await runtime.repairs.create("r1", bad=None, by="bob", reason="try again")
-        asked = await the_repair(runtime, ended=False)
-        assert asked["reason"] == f"recalibrate(base_node) was cut off (wait), {LOOK}"
-        declined = await runtime.repairs.cancel(asked["id"], by="bob", reason="it is being done by hand")
-        assert (declined["state"], declined["reason"]) == ("cancelled", "it is being done by hand")
-        assert len(robot.ids) == 1
-        robot.broken_topics.clear()
-        robot.running["mapping"] = False
-        habit.freed.set()
-        while (repair := await the_repair(runtime))["id"] in {under_way["id"], asked["id"]}:
-            await asyncio.sleep(0.02)
-    assert repair["state"] == "repaired"  # nobody is asked a second time
-
-
 async def test_a_stop_that_cuts_off_a_webhook_leaves_the_question(tmp_path: Path) -> None:
     called, answer = threading.Event(), threading.Event()
     calls: list[str] = []
@@ -142,26 +116,6 @@ async def test_a_stop_that_cuts_off_a_webhook_leaves_the_question(tmp_path: Path
     assert asked["id"] != stopped["id"]
     assert asked["reason"] == f"recalibrate(base_node) was cut off (global stop: people on the floor), {LOOK}"
     assert len(calls) == 1
-
-
-async def test_what_no_agent_had_taken_is_no_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def away(robot: Robot) -> None:
-        await for_ever()
-
-    monkeypatch.setattr(Robot, "act_for_ever", away)
-    async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(30.0)) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        while not await runtime.store.read(agent_actions.waiting, "r1"):
-            await asyncio.sleep(0.01)
-        await runtime.repairs.stop(by="ann", reason="careful")
-        stopped = await the_repair(runtime)
-        page = await runtime.store.read(audit.page, robot="r1")
-    [outcome] = [entry for entry in page.items if entry.action == "action.result"]
-    assert (outcome.subject, outcome.after) == ("recalibrate(base_node)", {"result": UNREACHABLE})
-    assert stopped["reason"] == "global stop: careful"
 
 
 async def test_no_answer_is_asked_about_although_the_service_is_killed_while_others_finish(

@@ -10,7 +10,7 @@ import pytest
 from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair
 
 from robomend.api.runtime import Runtime
-from robomend.errors import InputError, NotFound, Refused, StateConflict
+from robomend.errors import InputError, NotFound, StateConflict
 
 pytestmark = pytest.mark.anyio
 
@@ -49,13 +49,6 @@ async def test_a_robot_that_looks_healthy_while_its_repair_is_open_is_in_use(tmp
         assert await runtime.drills.drills("r1", before=None, limit=5) == []
 
 
-async def test_a_robot_of_which_nothing_is_said_to_be_observed_takes_no_drill(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, observed=[]) as robot:
-        await robot.settled()
-        with pytest.raises(Refused, match="nothing is said to be observed"):
-            await drill(runtime)
-
-
 async def test_a_fault_that_the_robot_does_not_have_is_not_found(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         await robot.settled()
@@ -71,10 +64,3 @@ async def test_a_fault_that_the_robot_does_not_have_is_not_found(tmp_path: Path)
                 await drill(runtime, fault, **changes)
         with pytest.raises(InputError, match="there are node-killed"):
             await drill(runtime, "node-bored")
-
-
-async def test_what_is_meant_to_be_stopped_is_not_started_by_a_drill(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, expected={"stopped": ["mapping"]}) as robot:
-        await robot.settled()
-        with pytest.raises(Refused, match="mapping is meant to be stopped or off"):
-            await drill(runtime)

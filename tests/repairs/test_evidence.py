@@ -11,7 +11,6 @@ from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_r
 
 from robomend.repairs import flapping
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import BY_ITSELF
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 
@@ -54,14 +53,6 @@ async def a_repair(path: Path, robot_class: type[Robot], **changes: Any) -> tupl
             assert isinstance(robot, WithMuteSuccessor)
             robot.die()
             return await the_repair(runtime), robot
-
-
-async def test_a_mute_successor_is_not_called_repaired(tmp_path: Path) -> None:
-    repair, robot = await a_repair(tmp_path, WithMuteSuccessor)
-    assert "start_node(lidar_node)" in robot.done
-    assert repair["state"] == "escalated"
-    assert "nobody" in repair["reason"]
-    assert "ok(scan)" in repair["reason"]
 
 
 async def test_observers_that_judge_anew_see_the_mute_successor_and_it_is_restarted(tmp_path: Path) -> None:
@@ -167,30 +158,6 @@ async def well_meanwhile(robot: Robot, state: Any) -> None:
     async with asyncio.timeout(60):
         while not state.current.healthy:
             await asyncio.sleep(0.01)
-
-
-async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    choose, planned = Chooser.choose_in_turn, list[str]()
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-
-        async def slow(chooser: Chooser, state: Any, result: Any, **options: Any) -> Any:
-            """Plan as on a busy computer: meanwhile the node is started by whoever else looks after it."""
-            found = await choose(chooser, state, result, **options)
-            planned.append(found.reason)
-            await well_meanwhile(robot, state)
-            return found
-
-        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime)
-    assert planned
-    assert robot.done == []
-    assert (repair["state"], repair["rounds"]) == ("repaired", [])
-    assert repair["reason"] == BY_ITSELF
 
 
 async def test_a_fault_that_comes_and_goes_is_told_once_and_repaired_when_it_stays(

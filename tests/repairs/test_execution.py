@@ -6,14 +6,13 @@ import asyncio
 from dataclasses import replace
 
 import pytest
-from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, run, setting, step
+from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, setting, step
 from tests.waiting import for_ever
 
 from robomend.errors import Fenced
-from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport, Withheld
+from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport
 from robomend_client.actions import OK, REFUSED, Action, ActionResult, Feedback
 from robomend_client.literals import Atom
 
@@ -66,18 +65,6 @@ async def test_who_has_lost_the_robot_after_the_intent_sends_nothing() -> None:
     assert robot.sent == []
 
 
-async def test_a_refused_step_is_not_sent() -> None:
-    robot = Robot()
-
-    async def refuse(step: Step) -> str | None:
-        return "the policy says no" if step.name == "stop_node" else None
-
-    done = await execute(POWER_LOST, replace(setting(robot), permit=refuse))
-    assert done.ending is Ending.NOT_PERMITTED
-    assert done.reason == "stop_node(driver): the policy says no"
-    assert robot.sent == ["power_up(lidar)"]
-
-
 async def test_steps_that_are_not_ordered_run_side_by_side() -> None:
     robot = Robot(obs={})
     both = asyncio.Barrier(2)
@@ -96,35 +83,6 @@ async def test_steps_that_are_not_ordered_run_side_by_side() -> None:
     done = await execute(plan, here)
     assert done.ending is Ending.DONE
     assert sorted(robot.sent) == ["power_up(camera)", "power_up(lidar)"]
-
-
-async def test_a_journal_that_withholds_an_intent_ends_the_plan_unsent() -> None:
-    robot = Robot()
-
-    async def withhold(action: Action, report: StepReport) -> None:
-        raise Withheld("global stop: people on the floor")
-
-    robot.intend = withhold  # type: ignore[method-assign]  # a test double of a test double
-    done = await run(robot)
-    assert (done.ending, done.reason) == (Ending.HALTED, "global stop: people on the floor")
-    assert robot.sent == []
-
-
-async def test_an_action_cut_off_by_the_end_of_the_service_keeps_its_intent_open() -> None:
-    robot = Robot()
-    begun = asyncio.Event()
-
-    async def hangs(robot: Robot, action: Action) -> ActionResult | None:
-        begun.set()
-        await for_ever()
-        return None
-
-    robot.behave = hangs
-    task = asyncio.create_task(run(robot))
-    await begun.wait()
-    task.cancel()
-    await asyncio.wait({task})
-    assert robot.journal == ["intend r-1:0 power_up(lidar)"]
 
 
 async def test_feedback_of_an_action_under_way_is_reported_with_its_step_and_stays_with_it() -> None:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, step
+from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting
 from tests.waiting import for_ever
 
 from robomend.planning.plan import Step
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, Timing, timings
-from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult
+from robomend.repairs.execution_values import Ending, Timing
+from robomend_client.actions import FAILED, TIMED_OUT, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
 
@@ -29,19 +27,6 @@ async def test_a_failed_action_is_tried_again_under_a_new_id() -> None:
     robot.behave = fails_once
     assert (await run(robot)).ending is Ending.DONE
     assert "intend r-1:1.1 stop_node(driver)" in robot.journal
-
-
-async def test_an_action_that_keeps_failing_ends_the_plan_with_its_message() -> None:
-    robot = Robot()
-
-    async def broken(robot: Robot, action: Action) -> ActionResult | None:
-        return ActionResult(7, "no such node") if action.name == "stop_node" else None
-
-    robot.behave = broken
-    done = await run(robot)
-    assert done.ending is Ending.ACTION_FAILED
-    assert done.reason == "stop_node(driver) ended with result 7: no such node"
-    assert robot.sent.count("stop_node(driver)") == 2
 
 
 async def test_an_action_without_an_answer_counts_as_done_when_its_effect_shows() -> None:
@@ -92,21 +77,6 @@ async def test_an_action_that_must_not_be_repeated_asks_when_its_outcome_is_unkn
     assert robot.sent == ["power_up(lidar)"]
 
 
-async def test_an_unknown_outcome_is_told_even_if_another_step_failed_before_it() -> None:
-    robot = Robot()
-    both = replace(POWER_LOST, steps=(step(0, "power_up", "lidar"), step(1, "stop_node", "driver")))
-
-    async def one_fails_one_is_silent(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name == "power_up":
-            await asyncio.sleep(0.1)  # the other has failed by then
-            return ActionResult(TIMED_OUT)
-        return ActionResult(REFUSED, "not now")
-
-    robot.behave = one_fails_one_is_silent
-    done = await execute(both, replace(setting(robot), not_idempotent={"power_up"}))
-    assert done.ending is Ending.UNKNOWN_OUTCOME
-
-
 def test_the_page_names_the_bounds_of_an_action_that_says_nothing_of_them() -> None:
     page = (Path(__file__).parents[2] / "docs" / "repair.md").read_text()
     told = {name: float(value) for name, value in re.findall(r"`(\w+)`(?: \(|, )default (\d+)", page)}
@@ -114,40 +84,6 @@ def test_the_page_names_the_bounds_of_an_action_that_says_nothing_of_them() -> N
     assert told["timeout_s"] == timing.action_timeout_s
     assert told["effect_timeout_s"] == timing.effect_timeout_s
     assert told["retries"] == timing.retries
-
-
-def test_what_must_not_be_repeated_is_retried_only_where_that_is_said() -> None:
-    asked: dict[str, dict[str, object]] = {
-        "calibrate": {"timeout_s": 5.0},
-        "home": {"retries": 2, "timeout_s": None},
-        "jog": {},
-    }
-    found = timings(asked, {"calibrate", "home", "reset"})
-    assert {name: timing.retries for name, timing in found.items()} == {
-        "calibrate": 0,
-        "home": 2,
-        "reset": 0,
-        "jog": Timing().retries,
-    }
-    assert found["calibrate"].action_timeout_s == 5.0
-    assert found["home"].action_timeout_s == Timing().action_timeout_s
-
-
-async def test_retries_wait_twice_as_long_each_time() -> None:
-    robot = Robot()
-    loop = asyncio.get_running_loop()
-    sent_s: list[float] = []
-
-    async def fails(robot: Robot, action: Action) -> ActionResult | None:
-        sent_s.append(loop.time())
-        return ActionResult(FAILED)
-
-    robot.behave = fails
-    timing = replace(QUICK, retries=2, backoff_s=0.02)
-    await execute(POWER_LOST, replace(setting(robot), default_timing=timing))
-    first, second = (after - before for before, after in itertools.pairwise(sent_s))
-    assert first >= 0.02  # at least: a sleep never ends early
-    assert second >= 0.04
 
 
 async def test_a_hanging_executor_is_cut_off() -> None:

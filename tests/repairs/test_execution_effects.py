@@ -9,7 +9,6 @@ from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, run
 
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.looking import first_of
-from robomend.repairs.states import StepState
 from robomend_client.actions import OK, Action, ActionResult
 from robomend_client.literals import Literal, holds
 
@@ -37,18 +36,6 @@ async def test_each_action_is_journaled_sent_and_its_effect_seen() -> None:
     assert done.effect_seen
 
 
-async def test_a_mute_driver_after_the_power_came_back_is_expected_not_news() -> None:
-    robot = Robot()
-
-    async def slow_to_stop(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name == "stop_node":
-            await asyncio.sleep(0.2)  # on(lidar), running(driver) and not ok(scan), for longer than hold_s
-        return None
-
-    robot.behave = slow_to_stop
-    assert (await run(robot)).ending is Ending.DONE
-
-
 async def test_what_an_action_takes_away_may_be_gone_before_it_answers() -> None:
     robot = Robot()
 
@@ -61,15 +48,6 @@ async def test_what_an_action_takes_away_may_be_gone_before_it_answers() -> None
 
     robot.behave = slow_to_answer
     assert (await run(robot)).ending is Ending.DONE
-
-
-async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
-    robot = Robot()
-    robot.see(RUNNING, False)
-    done = await run(robot)
-    assert done.ending is Ending.DONE
-    assert done.steps[1].state is StepState.ALREADY
-    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
 
 
 async def test_where_power_is_back_without_us_the_rest_of_the_plan_is_not_for_what_is_there() -> None:
@@ -124,35 +102,6 @@ def test_a_reason_names_a_few_of_many_missing_effects_and_what_is_no_topic_first
 ) -> None:
     topics = [holds("ok", f"t{number}") for number in range(count - 1)]
     assert first_of([*topics, holds("running", "n")]) == told
-
-
-async def test_a_late_effect_is_waited_for() -> None:
-    robot = Robot()
-
-    async def late(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name == "power_up":
-            asyncio.get_running_loop().call_later(0.15, robot.see, ON, True)
-            return ActionResult(OK)
-        return None
-
-    robot.behave = late
-    assert (await run(robot)).ending is Ending.DONE
-
-
-async def test_an_effect_that_flips_back_ends_the_plan() -> None:
-    robot = Robot()
-
-    async def flips(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name == "stop_node":
-            robot.see(ON, False)
-            await asyncio.sleep(0.3)  # longer than hold_s
-        return None
-
-    robot.behave = flips
-    done = await run(robot)
-    assert done.ending is Ending.MISMATCH
-    assert done.mismatch == Literal(ON)
-    assert robot.sent == ["power_up(lidar)", "stop_node(driver)"]
 
 
 async def test_a_flutter_shorter_than_the_hold_time_is_no_mismatch() -> None:

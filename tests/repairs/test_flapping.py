@@ -9,7 +9,7 @@ from typing import Any, cast
 from unittest.mock import patch
 
 from robomend.planning.policy import Policy
-from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, WITHIN_S, Flapping
+from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, Flapping
 from robomend.repairs.reasons import LAPSED_S, ReasonsToRepair
 from robomend.store.records import Stop
 from robomend_client.literals import Atom
@@ -27,12 +27,6 @@ def test_what_was_well_by_itself_often_within_a_minute_is_told_with_its_suspects
     assert "suspects: driver, lidar, mapping. " in told
 
 
-def test_what_seldom_comes_and_goes_is_not_told() -> None:
-    found = Flapping()
-    assert not any(found.well_by_itself(LIDAR, n * WITHIN_S / (TIMES - 2)) for n in range(50))
-    assert found.wait_s(LIDAR, 0.0, 0.0) == 0.0
-
-
 def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() -> None:
     found = Flapping()
     for n in range(TIMES):
@@ -43,17 +37,6 @@ def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() ->
     assert found.wait_s(LIDAR | MAP, TIMES, 0.0) == 0.0  # mapping alone may be it
     assert found.wait_s(LIDAR, TIMES + HELD_S, 0.0) == 0.0
     assert found.well_by_itself(LIDAR, TIMES + HELD_S) is None  # counted anew
-
-
-def test_for_what_does_not_last_nothing_is_begun_before_its_time_or_a_persons_word() -> None:
-    found = Flapping()
-    found.came_back(LIDAR, 100.0)
-    assert found.wait_s(LIDAR, 90.0, 80.0) == 10.0  # however long it is blamed
-    assert found.wait_s(MAP, 90.0, 0.0) == found.wait_s(LIDAR | MAP, 90.0, 0.0) == 0.0
-    assert found.wait_s(LIDAR, 100.0, 0.0) == 0.0
-    found.came_back(LIDAR, 200.0)
-    found.released()
-    assert found.wait_s(LIDAR, 101.0, 0.0) == 0.0
 
 
 def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_well_for_a_moment() -> None:

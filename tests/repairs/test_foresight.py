@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
-from robomend.repairs.choosing import offers_if_all
-from robomend.robots.batches import Batch
-from robomend.robots.declared import Declaration, DeclaredAgents
 from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
@@ -89,42 +86,6 @@ async def test_an_action_with_too_many_groundings_is_refused_when_the_robot_is_p
             await runtime.robots.memory.robot("r1")
 
 
-async def test_a_source_that_is_believed_and_never_reported_is_named(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        await put(runtime, believe=["pc1", "pc2"])
-        await runtime.robots.observe("r1", Batch(["ok(scan)"], source="pc1"))
-        found = await runtime.repairs.findings("r1")
-        assert "`believe` names pc2, and no source of that name has reported anything yet" in found
-        await runtime.robots.observe("r1", Batch(["ok(scan)"], source="pc2"))
-        assert not [one for one in await runtime.repairs.findings("r1") if "believe" in one]
-
-
-async def test_what_can_work_is_taken(tmp_path: Path) -> None:
-    domain = many(3).replace(
-        "(:action fix", f"{ONCE.split('robot-repair)', 1)[1].rstrip()[:-1]} (:action fix"
-    )
-    async with service(tmp_path) as runtime:
-        await put(runtime, domain=domain, allow=["fix", "recalibrate", "start_node"])
-        await runtime.robots.delete_robot("r1", expected="*", by="test")
-        await runtime.robots.models.put(
-            "two",
-            MODEL.replace("base:", "lidar_b: {channel: 4}\n  base:"),
-            format=None,
-            expected=None,
-            by="test",
-        )
-        await runtime.robots.put_robot(
-            "r1", {**CONFIG, "model": "two", "domain": SPARE}, expected=None, by="t"
-        )
-
-
-async def test_a_robot_on_which_all_is_well_has_nothing_to_say(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        await runtime.repairs.orders("r1", host=None, wait_s=0.0)
-        assert list(await runtime.repairs.findings("r1")) == []
-
-
 async def test_actions_that_nobody_carries_out_are_named(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
         await put(runtime, actions={}, observed=[])
@@ -171,17 +132,6 @@ async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp
             await robot.settled()
             said = list(await runtime.repairs.findings("r1"))
         assert not [one for one in said if "report" in one]
-
-
-async def test_a_topic_that_is_silent_by_design_is_missed_by_nobody(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        await put(runtime, observed=["ok(odom)"])
-        quiet = MODEL + "topics: {map: {silent: true}}\n"
-        await runtime.robots.models.put("small", quiet, format=None, expected="*", by="test")
-        said = list(await runtime.repairs.findings("r1"))
-    assert [one for one in said if "nobody would notice" in one] == [
-        "topic scan: not in `observed`, and never reported; nobody would notice their silence"
-    ]
 
 
 async def test_what_a_new_model_or_new_settings_have_lost_is_named(tmp_path: Path) -> None:
@@ -244,21 +194,6 @@ async def test_what_no_agent_does_is_not_sent_and_waited_for_but_told_at_once(
         assert robot.done == ["start_node(mapping)"]
 
 
-async def test_with_other_instances_an_agent_may_ask_one_of_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
-    async with service(tmp_path) as runtime, service(tmp_path):
-        await put(runtime)
-        await runtime.repairs.orders("r1", host=None, wait_s=0.0, agent="onboard", can=[], observes={})
-        state = await runtime.robots.memory.robot("r1")
-        assert state.system.parts is not None
-        actions = ("start_node", "stop_node")
-        async with asyncio.timeout(30):  # the other one says that it is there
-            while await offers_if_all(state, state.system.parts, actions, runtime.store) is not None:
-                await asyncio.sleep(0.05)
-
-
 async def test_what_is_done_to_a_device_goes_to_the_agent_on_its_host(tmp_path: Path) -> None:
     model = MODEL.replace("lidar: {", "lidar: {host: arm_pc, ")
     async with service(tmp_path) as runtime:
@@ -298,19 +233,3 @@ async def act(robot: Robot, note: str = "", host: str | None = None, **says: Any
             robot.done.append(f"{note}{orders['name']}({parameter})")
             await robot.report()
             await robot.repairs.result(orders["id"], code=0, message="", by=Reporter("robot"))
-
-
-def test_what_agents_can_do_changes_with_what_was_not_said_before() -> None:
-    agents, can = DeclaredAgents(), frozenset({"start_node"})
-    seen = []
-    for said in (
-        Declaration("a", "pc", can),
-        Declaration("a", "pc", can),
-        Declaration("a", "arm", can),  # another of its name
-        Declaration("a", "pc", can),
-        Declaration("a", "arm", can),
-        Declaration("a", "pc", can | {"stop_node"}),
-    ):
-        agents.hear(said)
-        seen.append(agents.changes)
-    assert seen == [1, 1, 2, 2, 2, 3]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.planning.plan import action_title, action_titles
-from robomend.repairs.headline import Facts, Headline, clock, headline
+from robomend.repairs.headline import Facts, Headline, headline
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState
 
@@ -166,11 +166,6 @@ def test_healthy_unknown_and_never_reported() -> None:
     assert said(health=HealthState.UNKNOWN, reported=False)[0] == "Nothing has been reported yet."
     partly = said(health=HealthState.PARTLY_UNKNOWN, unknown=["ok(scan)"], since_ns=AT)[0]
     assert partly == "Nothing is known to be wrong; not known ok(scan) since 23:23:04."
-
-
-def test_a_moment_of_another_day_has_its_date() -> None:
-    assert clock(AT, NOW) == "23:23:04"
-    assert clock(AT, NOW + 3600 * 10**9) == "2026-11-27 23:23:04"
 
 
 names = st.sampled_from(["hokuyo", "laser", "imu", "x y", 'a"b', ""])

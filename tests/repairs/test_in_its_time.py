@@ -20,11 +20,9 @@ from tests.repairs.robot import (
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
-from robomend.repairs import live_repair, permission, reasons
+from robomend.repairs import reasons
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.execution_values import Timing
-from robomend.repairs.looking import DENIED, LOOK_S
-from robomend.robots import start_ups
+from robomend.repairs.looking import DENIED
 from robomend.robots.batches import Batch
 from robomend.robots.reporters import Reporter
 
@@ -49,27 +47,6 @@ async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp
         repair = await the_repair(runtime, timeout_s=50.0)
     assert robot.done[0] == "recalibrate(mapping)"
     assert repair["rounds"][0]["reason"].endswith(DENIED)
-    assert repair["state"] == "repaired"
-
-
-async def test_no_wait_is_longer_than_the_effect_time_out_that_is_configured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Every action of the robot has one of 1 s: what the default is, does not matter."""
-    monkeypatch.setattr(live_repair, "Timing", lambda: Timing(effect_timeout_s=600.0))
-
-    async def first_in_vain(robot: Robot, name: str, parameter: str) -> int | None:
-        robot.do(name, parameter)
-        if robot.done.count("start_node(lidar_node)") == 0:
-            robot.connected["lidar_node"] = False
-        return 0
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = first_in_vain
-        await robot.settled()
-        robot.connected["lidar_node"] = False
-        repair = await the_repair(runtime)
-    assert "not seen within 1 s" in repair["rounds"][0]["reason"]
     assert repair["state"] == "repaired"
 
 
@@ -144,53 +121,11 @@ async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -
     assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
 
 
-RESTARTED = ["stop_node(lidar_node)", "start_node(lidar_node)"]
-
-
 def booted(config: dict[str, Any]) -> dict[str, Any]:
     """Return a configuration that does not say how long starts take."""
     actions = {name: dict(one) for name, one in config["actions"].items()}
     del actions["start_node"]["effect_timeout_s"]
     return {**config, "actions": actions}
-
-
-async def at_boot(runtime: Runtime, robot: Robot) -> None:
-    """The lidar's driver is started by the robot itself, and is mute at first."""
-    robot.running["lidar_node"] = robot.connected["lidar_node"] = False
-    await robot.settled()
-    robot.running["lidar_node"] = True
-    await robot.settled()
-    etag = (await runtime.robots.memory.robot("r1")).stored.etag
-    await runtime.robots.put_robot("r1", booted(CONFIG), expected=etag, by="ann")
-
-
-async def test_what_nobody_has_seen_start_before_has_a_minute_at_the_robots_boot(tmp_path: Path) -> None:
-    """It speaks after what an act of ours would be given."""
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
-        await at_boot(runtime, robot)
-        await asyncio.sleep(Timing().effect_timeout_s + STARTS_S)  # a boot takes its time
-        robot.do("start_node", "lidar_node")
-        repair = await the_repair(runtime)
-    assert (repair["state"], robot.done) == ("repaired", [])
-
-
-async def test_what_is_mute_for_longer_than_that_after_a_boot_is_restarted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(start_ups, "BOOTS_NS", 10**9)
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
-        await at_boot(runtime, robot)
-        repair = await the_repair(runtime)
-    assert (repair["state"], robot.done) == ("repaired", RESTARTED)
-
-
-async def test_what_was_heard_shortly_before_is_no_boot(tmp_path: Path) -> None:
-    """A process that ended and was started again by others has the usual time."""
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
-        await robot.settled()
-        await at_boot(runtime, robot)
-        repair = await the_repair(runtime, timeout_s=30.0)
-    assert (repair["state"], robot.done) == ("repaired", RESTARTED)
 
 
 async def next_repair(runtime: Runtime, before: str) -> dict[str, Any]:
@@ -274,27 +209,6 @@ async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: P
     assert (blind["state"], blind["rounds"]) == ("escalated", [])
     assert "nobody reported on(imu)" in blind["reason"]
     assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])
-
-
-async def test_a_flicker_withdraws_no_plan_that_waits_for_a_yes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(permission, "FLICKER_S", 20.0)
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
-        robot.running["mapping"] = False
-        asked = await the_repair(runtime, ended=False)
-        robot.running["mapping"] = True
-        async with asyncio.timeout(30):
-            while not (current := (await runtime.robots.diagnosed("r1")).current) or not current.healthy:
-                await asyncio.sleep(0.02)
-        await asyncio.sleep(3 * LOOK_S)  # long enough to be looked at: the flicker itself is what is tested
-        assert (await the_repair(runtime, ended=False))["id"] == asked["id"]
-        await runtime.repairs.approve(asked["id"], by="ann", reason="")
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime)
-    assert (repair["id"], repair["state"]) == (asked["id"], "repaired")
-    assert robot.done == ["start_node(mapping)"]
 
 
 async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew(
@@ -404,19 +318,6 @@ async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> N
     assert robot.done == ["start_node(mapping)", *SHUT_DOWN]
 
 
-async def test_of_two_faults_the_one_that_needs_no_yes_is_mended_at_once(tmp_path: Path) -> None:
-    actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
-        await robot.settled()
-        robot.cut("base")
-        robot.running["mapping"] = False
-        asked = await the_repair(runtime, ended=False)
-        assert robot.done == ["start_node(mapping)"]
-        assert [step["text"] for step in asked["plan"]] == SHUT_DOWN
-        assert [one["diagnosis"]["bad"] for one in asked["rounds"]] == [["mapping"], ["base"]]
-        await runtime.repairs.cancel(asked["id"], by="ann", reason="not now")
-
-
 async def waits_for_the_base(runtime: Runtime) -> None:
     async with asyncio.timeout(60):
         while True:
@@ -446,26 +347,3 @@ async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_st
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert (robot.done.count("stop_node(base_node)"), robot.done.count("start_node(base_node)")) == (2, 2)
-
-
-async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boot_has_surely_booted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Started sooner it stays mute; what was tried in vain is taken up only hours later."""
-    monkeypatch.setattr(start_ups, "BOOTS_NS", 8 * 10**9)
-    monkeypatch.setattr(reasons, "AGAIN_S", 3000.0)
-
-    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
-        robot.do(name, parameter)
-        robot.connected["base_node"] &= robot.done.count("start_node(base_node)") >= 2
-        return 0
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = boots
-        await robot.settled()
-        robot.cut("base")
-        await waits_for_the_base(runtime)
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert robot.done.count("power_up(base)") == 1
-    assert robot.done.count("start_node(base_node)") == 3

@@ -32,18 +32,6 @@ async def test_a_device_that_does_not_come_back_is_named_in_the_end(tmp_path: Pa
     assert repair["left_off"] == ["base"]
 
 
-async def test_what_came_back_is_not_named(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime)
-    assert {"shutdown(base)", "power_up(base)", "stop_node(base_node)"} <= set(robot.done)
-    assert repair["state"] == "escalated"
-    assert "left off" not in repair["reason"]
-    assert "left stopped" not in repair["reason"]
-    assert repair["left_off"] == []
-
-
 @dataclass
 class Unseen(Robot):
     """Nobody observes whether its devices have power."""

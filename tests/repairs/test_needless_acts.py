@@ -34,24 +34,6 @@ async def test_a_second_publisher_is_looked_for_and_no_power_is_cut(tmp_path: Pa
     assert robot.done == expected[symptom]
 
 
-async def test_power_is_cut_for_what_stands_still_only_with_a_persons_yes(
-    tmp_path: Path,
-) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.kinds["ok(odom)"] = Symptom.STILL
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        waits = await the_repair(runtime, ended=False)
-        assert "shutdown(base)" in [step["text"] for step in waits["plan"]]
-        assert "power is not cut for ok(odom) (still) without a person's yes" in waits["reason"]
-        assert "shutdown(base)" not in robot.done
-        assert "stop_node(base_node)" in robot.done  # what cuts no power was done by itself
-        await runtime.repairs.approve(waits["id"], by="ann", reason="look there")
-        repair = await the_repair(runtime)
-    assert "shutdown(base)" in robot.done
-    assert repair["state"] == "escalated"
-
-
 @dataclass
 class Deaf(Robot):
     """Its mapping is halted: nothing runs by what is observed, and to start it finds it there."""

@@ -81,28 +81,6 @@ async def test_an_observer_that_never_judges_anew_confirms_nothing(tmp_path: Pat
     assert "nobody could confirm ok(map)" in repair["reason"]
 
 
-@pytest.mark.parametrize("before_the_robot", [0, 1, S])
-async def test_evidence_from_before_there_was_a_robot_is_taken_and_confirms_nothing(
-    tmp_path: Path, before_the_robot: int
-) -> None:
-    class Ancient(WithAgent):
-        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
-            return [before_the_robot if "(map)" in one else now_ns for one in sentences]
-
-    repair = await mended(tmp_path, Ancient)
-    assert repair["state"] == "escalated"
-    assert "ok(map)" in repair["reason"]
-
-
-@pytest.mark.parametrize("skew", [-300, -10, 30])
-async def test_clocks_of_robot_and_service_may_be_far_apart(tmp_path: Path, skew: int) -> None:
-    class Skewed(WithAgent):
-        skew_s = skew
-
-    repair = await mended(tmp_path, Skewed)
-    assert repair["state"] == "repaired", repair["reason"]
-
-
 async def test_a_robot_whose_clock_is_minutes_behind_is_not_called_repaired_on_old_evidence(
     tmp_path: Path,
 ) -> None:
@@ -180,34 +158,6 @@ async def test_a_robot_whose_clock_is_minutes_ahead_is_told_so_and_not_believed(
         ):
             await runtime.robots.observe("r1", Batch(["not ok(map)"], time_ns=time_ns, since=[time_ns]))
         assert runtime.robots.memory.states["r1"].sight.value(Atom("ok", ("map",))) is True
-
-
-async def test_a_settle_for_an_agent_that_is_gone_ends_and_the_reason_says_who_is_silent(
-    tmp_path: Path,
-) -> None:
-    class Gone(WithAgent):
-        """It carries out the action, and is never heard of again."""
-
-        def do(self, name: str, parameter: str) -> None:
-            super().do(name, parameter)
-            self.silent = True
-
-    repair = await mended(tmp_path, Gone)
-    assert repair["state"] == "escalated"
-    assert "nobody" in repair["reason"]
-
-
-async def test_an_agent_of_the_version_before_is_believed_after_its_usual_delay(tmp_path: Path) -> None:
-    """It knows neither `since` nor `settle`, nor does it say what it observes."""
-
-    class Before(WithAgent):
-        asks = False
-
-        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
-            return ()
-
-    repair = await mended(tmp_path, Before, detection_s=0.3)
-    assert repair["state"] == "repaired", repair["reason"]
 
 
 @pytest.mark.parametrize("held_up_s", [4.0])

@@ -5,11 +5,8 @@ from __future__ import annotations
 import asyncio
 from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
-from tests.repairs import robot as robots_of_tests
 from tests.repairs.robot import (
     CONFIG,
     SHUT_DOWN,
@@ -18,13 +15,10 @@ from tests.repairs.robot import (
     robot_on,
     service,
     the_repair,
-    with_recalibrate,
 )
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused, StateConflict
-from robomend.repairs.choosing import KEEP_S, Chooser
-from robomend.repairs.conclusions import UNSEEN
 from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
@@ -60,20 +54,6 @@ async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_pat
     assert robot.done == []
 
 
-async def test_a_plan_that_waits_is_withdrawn_when_its_symptoms_go_as_who_told_of_them_did(
-    tmp_path: Path,
-) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve", observed=[]) as robot:
-        robot.silent = True
-        await runtime.robots.observe("r1", Batch(["not on(base)"], source="board"))
-        proposed = await the_repair(runtime, ended=False)
-        await runtime.robots.observe("r1", Batch([], source="board", unknown=["on(base)"]))
-        repair = await the_repair(runtime)
-    assert repair["id"] == proposed["id"]
-    assert repair["state"] == "cancelled"
-    assert repair["reason"] == f"{UNSEEN}: the plan no longer applies"
-
-
 async def test_a_robot_of_which_only_a_part_is_known_is_not_called_healthy_again(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
         await robot.settled()
@@ -88,28 +68,6 @@ async def test_a_robot_of_which_only_a_part_is_known_is_not_called_healthy_again
     assert repair["reason"].startswith("not confirmed: nobody reports ok(odom), on(base)")
 
 
-async def test_who_is_not_observed_any_more_is_not_called_repaired(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    choose = Chooser.choose_in_turn
-
-    async with service(tmp_path) as runtime, robot_on(runtime, observed=[]) as robot:
-        robot.silent = True
-
-        async def slow(chooser: Chooser, *about: Any, **options: Any) -> Any:
-            """Plan as on a busy computer: meanwhile the board is heard no more."""
-            found = await choose(chooser, *about, **options)
-            await runtime.robots.observe("r1", Batch([], source="board", unknown=["on(base)"]))
-            await runtime.robots.diagnosed("r1")
-            return found
-
-        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
-        await runtime.robots.observe("r1", Batch(["not on(base)"], source="board"))
-        repair = await the_repair(runtime)
-    assert (repair["state"], repair["reason"], repair["rounds"]) == ("cancelled", UNSEEN, [])
-    assert robot.done == []
-
-
 async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, protected=["base", "base_node"]) as robot:
         await robot.settled()
@@ -117,37 +75,6 @@ async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert robot.done == []
-
-
-async def test_a_planner_is_kept_ready_for_a_robot_that_may_be_repaired_at_any_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started = asyncio.Event()
-    assert robots_of_tests.planners is not None
-    monkeypatch.setattr(robots_of_tests.planners, "start", started.set)
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="auto") as robot:
-        await robot.settled()
-        async with asyncio.timeout(60):
-            await started.wait()
-
-
-def test_the_planners_are_told_so_now_and_then_and_not_where_a_person_is_asked() -> None:
-    told: list[str] = []
-    planners = SimpleNamespace(start=lambda: told.append("start"))
-    nobody = cast(Any, None)
-    chooser = Chooser(nobody, cast(Any, planners), nobody, nobody)
-
-    def keep_ready(policy: str) -> None:
-        chooser.keep_ready(cast(Any, SimpleNamespace(config=SimpleNamespace(policy=policy))))
-
-    keep_ready("approve")
-    keep_ready("observe")
-    assert told == []
-    for number in (1, 2):
-        keep_ready("auto")
-        keep_ready("auto")
-        assert told == ["start"] * number
-        chooser._kept_s -= KEEP_S  # so much later
 
 
 async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
@@ -186,16 +113,6 @@ async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Pa
         in (repair["reason"])
     )
     assert robot.done == []
-
-
-async def test_what_the_allow_list_leaves_is_done_though_something_else_is_cheaper(tmp_path: Path) -> None:
-    config = {**with_recalibrate(), "allow": ["start_node", "stop_node"]}
-    async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
-        await robot.settled()
-        robot.connected["lidar_node"] = False
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
 
 
 async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: Path) -> None:
@@ -264,17 +181,6 @@ async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its
         robot.broken_topics.add("map")
         asked = await the_repair(runtime, ended=False)
     assert [step["text"] for step in asked["plan"]] == ["stop_node(mapping)", "start_node(mapping)"]
-
-
-async def test_what_flaps_faster_than_the_debounce_is_not_repaired(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, debounce_s=2.0) as robot:
-        await robot.settled()
-        robot.running["mapping"] = False
-        await robot.report()
-        robot.running["mapping"] = True
-        await robot.report()
-        await nothing_begins(runtime, 2.5)
-    assert robot.done == []
 
 
 async def test_after_the_policy_became_observe_the_running_repair_does_nothing_more(tmp_path: Path) -> None:

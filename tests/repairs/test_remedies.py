@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, Robot, nothing_begins, robot_on, service, the_repair
+from tests.repairs.robot import CONFIG, MODEL, Robot, robot_on, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import InputError
@@ -107,12 +107,3 @@ async def test_what_the_allow_list_lacks_or_the_policy_forbids_is_not_asked_for(
             await runtime.robots.put_robot(
                 "r2", {**CONFIG, "model": "mended", "allow": ["cleer"]}, expected=None, by="test"
             )
-
-
-async def test_nothing_is_asked_for_under_observe(tmp_path: Path) -> None:
-    remedies = "  clear: {mends: mapping}"
-    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies, policy="observe") as robot:
-        robot.broken_topics.add("map")
-        await robot.settled()
-        await nothing_begins(runtime)
-    assert robot.done == []

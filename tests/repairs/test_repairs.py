@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,20 +10,13 @@ from tests.repairs.robot import (
     CONFIG,
     SHUT_DOWN,
     Robot,
-    nothing_begins,
     robot_on,
     running,
     service,
     the_repair,
 )
-from tests.waiting import for_ever
 
-from robomend.repairs import robot_loops
-from robomend.repairs.conclusions import UNSEEN
-from robomend.repairs.robot_loops import RobotLoops
 from robomend.store import attempts, audit
-from robomend.store.records import Quarantine
-from robomend_client.events import Event, Kind
 
 pytestmark = pytest.mark.anyio
 
@@ -82,22 +73,6 @@ async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_p
     )
 
 
-async def test_everything_off_is_powered_up_in_one_plan(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        robot.on = dict.fromkeys(robot.on, False)
-        robot.running = dict.fromkeys(robot.running, False)
-        robot.connected = dict.fromkeys(robot.connected, False)
-        proposed = await the_repair(runtime, ended=False)
-        await runtime.repairs.approve(proposed["id"], by="ann", reason="looks right")
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert repair["by"] == "robomend"
-    order = ("power_up(lidar)", "start_node(lidar_node)", "start_node(mapping)")
-    assert sorted(order, key=robot.done.index) == list(order)
-    assert robot.done.index("power_up(base)") < robot.done.index("start_node(base_node)")
-    assert len(robot.done) == 5
-
-
 async def test_the_paper_s_domain_needs_two_rounds_and_never_cycles_power(tmp_path: Path) -> None:
     paper = (Path(__file__).parents[2] / "pddl" / "paper-repair.pddl").read_text()
     async with service(tmp_path) as runtime, robot_on(runtime, domain=paper) as robot:
@@ -129,18 +104,6 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
     assert "stop_node(base_node)" not in robot.done
 
 
-async def test_what_was_left_alone_for_long_enough_is_not_told_any_more(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.cut("base")
-        await the_repair(runtime)
-        fence = runtime.store.ownership.held["r1"]
-        for name, until_ns in (("over", 1), ("later", 2**62), ("for good", None)):
-            aside = Quarantine("r1", name, "its repairs keep failing", 3, since_ns=0, until_ns=until_ns)
-            await runtime.store.write(partial(attempts.put_quarantine, entry=aside, fence=fence))
-        assert set(await runtime.repairs.quarantined("r1")) == {"later", "for good"}
-
-
 async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tmp_path: Path) -> None:
     async def in_vain(robot: Robot, name: str, parameter: str) -> int | None:
         return 0 if name == "start_node" else None
@@ -162,25 +125,6 @@ async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tm
     assert robot.done.count("start_node(mapping)") >= 3
     assert (ended["state"], ended["undone"]) == ("done", True)
     assert (quarantined, remembered) == ({}, ())
-
-
-async def test_a_released_component_is_tried_again(tmp_path: Path) -> None:
-    stuck = True
-
-    async def relay(robot: Robot, name: str, parameter: str) -> int | None:
-        return 0 if name == "power_up" and stuck else None
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = relay
-        await robot.settled()
-        robot.cut("base")
-        first = await the_repair(runtime)
-        stuck = False
-        await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
-        second = await the_repair(runtime)
-        while second["id"] == first["id"]:
-            second = await the_repair(runtime)
-    assert second["state"] == "repaired"
 
 
 async def test_a_release_counts_although_the_service_ended_before_the_next_try(tmp_path: Path) -> None:
@@ -251,22 +195,6 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
     assert aside["mapping"].reason == "mapping: 3 repairs in a row helped, and soon it came back"
 
 
-async def test_a_late_effect_is_waited_for(tmp_path: Path) -> None:
-    async def late(robot: Robot, name: str, parameter: str) -> int | None:
-        if name != "power_up":
-            return None
-        asyncio.get_running_loop().call_later(0.5, robot.do, name, parameter)
-        return 0
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = late
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert robot.done == SHUT_DOWN
-
-
 async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_path: Path) -> None:
     flips = 1
 
@@ -291,62 +219,6 @@ async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_p
     assert len(repair["rounds"]) == 2
 
 
-async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -> None:
-    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
-        await for_ever()
-        return None
-
-    actions = {name: {**CONFIG["actions"][name], "timeout_s": 0.6} for name in CONFIG["actions"]}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
-        robot.spoil = hangs
-        await robot.settled()
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime, timeout_s=60)
-    assert repair["state"] == "escalated"
-    assert (
-        "start_node(mapping) could not be carried out: the robot's agent did not ask for such work in 0.6 s"
-        in repair["reason"]
-    )
-
-
-async def test_a_repair_of_which_no_event_tells_is_found_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    follow = RobotLoops._follow
-
-    def deaf(self: RobotLoops, events: Sequence[Event]) -> None:
-        follow(self, [event for event in events if event.kind is not Kind.REPAIR])
-
-    monkeypatch.setattr(robot_loops, "LOST_S", 0.5)
-    monkeypatch.setattr(RobotLoops, "_follow", deaf)
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        await nothing_begins(runtime)  # its loop has looked, and waits for an event
-        await runtime.repairs.create("r1", bad=None, by="ann", reason="")
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-
-
-async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:
-    async with (
-        service(tmp_path) as runtime,
-        robot_on(runtime, observed=["ok(odom)", "running(mapping)"]) as robot,
-    ):
-        robot.silent = True
-        await runtime.repairs.create("r1", bad=None, by="ann", reason="")
-        repair = await the_repair(runtime)
-        assert (repair["state"], repair["reason"]) == ("cancelled", UNSEEN), "nothing is known to be well"
-        from robomend.robots.batches import Batch
-
-        await runtime.robots.observe("r1", Batch(("not running(mapping)",)))
-        repair = await the_repair(runtime)
-        while repair["state"] == "cancelled":
-            repair = await the_repair(runtime)
-    assert repair["state"] == "escalated"
-    assert repair["reason"].startswith("nobody reported ok(odom) within 3 s")
-    assert robot.done == []
-
-
 async def test_observers_that_fall_silent_under_way_are_named_and_not_the_component(tmp_path: Path) -> None:
     async def silences(robot: Robot, name: str, parameter: str) -> int | None:
         robot.silent = True
@@ -368,23 +240,6 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
     assert [one["ending"] for one in repair["rounds"]] == ["stale"]
     assert robot.done == ["power_up(base)"]
     assert (quarantined, tried) == ({}, ())
-
-
-async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")  # until the device is power-cycled
-
-        async def device_fault(robot: Robot, name: str, parameter: str) -> int | None:
-            if (name, parameter) == ("power_up", "base"):
-                robot.broken_topics.clear()
-            return None
-
-        robot.spoil = device_fault
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert robot.done[:2] == ["stop_node(base_node)", "start_node(base_node)"]  # the cheaper one
-    assert "shutdown(base)" in robot.done
 
 
 async def test_every_action_is_in_the_audit_log_with_its_cause(tmp_path: Path) -> None:

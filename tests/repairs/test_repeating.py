@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tests.repairs.robot import Robot, robot_on, service, the_repair
@@ -35,14 +32,6 @@ def test_an_act_is_done_three_times_and_then_named_without_the_answer_that_its_r
     assert [text for text, _ in repeats.exhausted(MUTE)] == ["start_node(planner)"]
 
 
-def test_an_observation_of_another_sign_is_new_evidence() -> None:
-    repeats = Repeats()
-    assert done(repeats, 3, ActionResult(OK)) is not None
-    assert repeats.exhausted((holds("ok", "path"),)) == ()
-    assert done(repeats, 2, ActionResult(OK), (holds("ok", "path"),)) is None
-    assert done(repeats, 1, ActionResult(OK), (holds("ok", "path"),)) is not None
-
-
 @pytest.mark.parametrize(
     "known",
     [
@@ -70,14 +59,6 @@ def test_two_plain_answers_end_it_whatever_else_is_observed(result: ActionResult
     why = done(repeats, 1, result, (holds("ok", "path"),))
     assert why is not None
     assert why == f"it was sent 2 times in this repair, and each answer was plain: {said}"
-
-
-def test_what_was_not_sent_after_all_does_not_count() -> None:
-    repeats = Repeats()
-    done(repeats, 2, ActionResult(OK))
-    repeats.sent(START, MUTE)
-    repeats.not_sent(START)
-    assert repeats.exhausted(MUTE) == ()
 
 
 def test_after_a_crash_what_is_on_disk_counts() -> None:
@@ -113,35 +94,6 @@ async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_w
         "it was sent 2 times in this repair, and each answer was plain: there is no such program"
         in repair["reason"]
     )
-
-
-@pytest.mark.anyio
-async def test_what_stays_broken_is_acted_on_three_times_at_most(tmp_path: Path) -> None:
-    limits: dict[str, Any] = {"attempts_per_hour": 1000, "rounds": 40}
-    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime, timeout_s=120)
-    assert repair["state"] == "escalated"
-    assert max(robot.done.count(act) for act in robot.done) <= 3
-
-
-@pytest.mark.anyio
-async def test_an_action_that_fails_and_fails_is_sent_three_times_though_more_retries_are_configured(
-    tmp_path: Path,
-) -> None:
-    async def busy(robot: Robot, name: str, parameter: str) -> int | None:
-        return FAILED
-
-    retrying = {"start_node": {"timeout_s": 2.0, "effect_timeout_s": 1.0, "retries": 9}}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=retrying) as robot:
-        await robot.settled()
-        robot.spoil = busy
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime)
-    assert repair["state"] == "escalated"
-    assert robot.done == ["start_node(mapping)"] * 3
-    assert "it was done 3 times in this repair, and nothing else was observed since" in repair["reason"]
 
 
 def test_what_cures_no_better_the_next_time_is_done_once_unless_something_else_is_seen() -> None:
@@ -195,23 +147,3 @@ async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restar
         *("shutdown(base)", "power_up(base)", "stop_node(base_node)", "start_node(base_node)"),
         *("stop_node(base_node)", "start_node(base_node)"),
     ]
-
-
-@pytest.mark.anyio
-async def test_what_a_repair_gave_up_on_is_told_a_person_once_though_its_acts_changed_what_is_blamed(
-    tmp_path: Path,
-) -> None:
-    """A base that had lost its power comes back dead: it is blamed alone first, then its driver, too."""
-    limits = {"attempts_per_hour": 100, "rounds": 2}
-    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        robot.cut("base")
-        first = await the_repair(runtime, timeout_s=120)
-        assert first["state"] == "escalated"
-        assert "power_up(base)" in robot.done
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
-            told = await runtime.repairs.repairs("r1", before=None, limit=2)
-            assert [one["id"] for one in told] == [first["id"]]
-            await asyncio.sleep(0.05)  # that nothing begins; it would within milliseconds

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
 
 import pytest
@@ -19,7 +16,6 @@ from robomend.repairs.states import (
     REPAIR,
     STEP,
     STEP_ENDS,
-    QueueState,
     RepairState,
     RepairTrigger,
     StepState,
@@ -80,73 +76,3 @@ def test_every_state_can_be_reached_and_only_ends_have_no_way_out() -> None:
 def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
     leads = {trigger for (_, trigger), then in REPAIR.items() if then is RepairState.RUNNING}
     assert leads == {RepairTrigger.PERMITTED, RepairTrigger.APPROVED}
-
-
-OTHER_WORDS = {
-    # SOVD's states of an execution
-    *(
-        (place, word)
-        for place in ("api/routers/sovd.py", "api/schemas/sovd.py")
-        for word in ("running", "failed")
-    ),
-    ("repairs/execution_values.py", "failed"),  # of the sentence on a result
-    ("repairs/execution_values.py", "done"),  # how an execution ends
-    ("api/schemas/batch.py", "running"),  # a batch's states
-    ("web/plan_graph.py", "running"),  # the look of a step
-    ("web/plan_graph.py", "waiting"),
-    ("batches/one_batch.py", "done"),
-    ("cli/remote/batches.py", "done"),
-    *(("batches/record.py", word) for word in ("done", "failed")),
-    ("cli/init/described.py", "running"),  # the predicate
-    ("api/schemas/drill.py", "done"),  # what a person says
-    ("api/schemas/notifications.py", "escalated"),  # what a notification is about
-    ("notifications/notices.py", "escalated"),
-    ("settings.py", "escalated"),
-    ("api/schemas/notifications.py", "waiting"),  # a notification, to be delivered
-    ("api/routers/status.py", "waiting"),  # for a person: a filter of robots
-    ("cli/remote/status.py", "waiting"),
-    ("cli/remote/mcp.py", "waiting"),
-    ("cli/remote/repairs.py", "cancelled"),  # of the sentence on a decision
-    ("notifications/notifier.py", "failed"),  # what became of a try
-    ("api/schemas/repair_record.py", "done"),  # how a round ends
-    ("cli/drill_run.py", "done"),
-    ("cli/drill_run.py", "repaired"),  # a key of the report
-    ("drills/score.py", "repaired"),
-    ("drills/drills.py", "done"),
-    ("drills/one_drill.py", "done"),
-    ("repairs/left_off.py", "running"),  # the predicate
-    ("repairs/headline.py", "running"),
-    ("robots/sight.py", "unconfirmed"),  # an attribute: what acts have made uncertain
-    ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
-    ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none
-    ("web/fleet.py", "waiting"),  # for a person: a filter of the list
-    ("web/words.py", "planning"),  # the states' names for people
-    ("web/words.py", "running"),
-    ("web/words.py", "cancelled"),
-    ("web/words.py", "failed"),
-}
-"""The same words where they are no state of these."""
-
-OTHER_ROOMS = ("model/", "observations/", "diagnosis/", "planning/", "store/")
-"""Rooms that know no repair: `running` is a predicate there, `done` a column."""
-
-OTHER_TABLES = {"drills/states.py", "batches/states.py"}
-
-
-def test_no_state_is_written_by_hand_outside_the_tables() -> None:
-    states: set[str] = {str(state) for kind in (RepairState, StepState, QueueState) for state in kind}
-    found = set()
-    for path in ROOT.rglob("*.py"):
-        place = path.relative_to(ROOT).as_posix()
-        if place in {"repairs/states.py", *OTHER_TABLES} or place.startswith(OTHER_ROOMS):
-            continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and node.value in states:
-                found.add((place, node.value))
-    assert found == OTHER_WORDS
-
-
-@pytest.mark.parametrize("table", [REPAIR, STEP])
-def test_triggers_are_told_apart_by_their_words(table: Mapping[tuple[StrEnum, StrEnum], StrEnum]) -> None:
-    triggers = {trigger for _, trigger in table}
-    assert len({str(trigger) for trigger in triggers}) == len(triggers)

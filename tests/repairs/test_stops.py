@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 from tests.repairs.robot import CONFIG, Robot, nothing_begins, robot_on, service, the_repair
-from tests.waiting import eventually, for_ever
+from tests.waiting import for_ever
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused
-from robomend.repairs.reasons import ReasonsToRepair
-from robomend.robots.robot import Robot as RobotState
 from robomend.store import audit, global_stop
 from robomend.store.records import Stop
 
@@ -184,31 +182,3 @@ async def test_a_repair_whose_planner_never_ends_ends_at_once(
         await let_go.wait()  # the planner is not left behind
     assert repair["state"] == "cancelled"
     assert robot.done == []
-
-
-async def test_the_stop_wakes_who_it_holds_back_and_nobody_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looks: list[str] = []
-    look = ReasonsToRepair.wait_s
-
-    def counted(self: ReasonsToRepair, state: RobotState, *more: Any) -> float:
-        looks.append(state.id)
-        return look(self, state, *more)
-
-    for module in ("reasons", "robot_repairs"):  # nobody wakes by itself
-        monkeypatch.setattr(f"robomend.repairs.{module}.IDLE_S", 3600.0)
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        await runtime.robots.put_robot("calm", {**CONFIG, "observed": []}, expected=None, by="test")
-        await eventually(lambda: "calm" in runtime.store.ownership.held, "nobody owns it")
-        monkeypatch.setattr(ReasonsToRepair, "wait_s", counted)
-        await runtime.repairs.stop(by="ann", reason="people on the floor")
-        robot.cut("base")
-        await eventually(lambda: "r1" in looks, "nobody looked at r1")
-        await nothing_begins(runtime)
-        looks.clear()
-        await runtime.repairs.resume(by="ann", reason="all clear")
-        await the_repair(runtime)
-    assert "r1" in looks
-    assert "calm" not in looks

@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
-from robomend.repairs.looking import LONGER
 from robomend.repairs.remembering import surely_broken
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
-from robomend.store import attempts, start_ups
+from robomend.store import attempts
 from robomend.store.records import StoredAttempt, StoredRepair
 
 
@@ -86,33 +85,6 @@ async def test_a_device_that_hangs_behind_the_ended_driver_is_cycled_after_a_sec
     assert repair["state"] == "repaired"
     restart = ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert robot.done == ["start_node(lidar_node)", *restart, "shutdown(lidar)", "power_up(lidar)", *restart]
-
-
-@pytest.mark.anyio
-async def test_a_start_that_takes_longer_than_earlier_ones_is_known_to_be_in_vain_before_the_time_out(
-    tmp_path: Path,
-) -> None:
-    """The earlier ones were seen before the service was restarted."""
-    patient = {**CONFIG["actions"]["start_node"], "effect_timeout_s": 600.0}
-    actions = {**CONFIG["actions"], "start_node": patient}
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe", actions=actions) as robot:
-        for runs in (True, False, True):  # it is seen to be started
-            robot.do("start_node" if runs else "stop_node", "lidar_node")
-            await robot.settled()
-        known = await runtime.store.read(start_ups.of, "r1")
-    assert known.keys() == {"scan"}
-    async with service(tmp_path) as runtime:
-        await runtime.robots.put_robot("r1", {**CONFIG, "actions": actions}, expected="*", by="test")
-        async with running(Robot(runtime.repairs, runtime.robots)) as robot:
-            await robot.settled()
-            robot.spoil = first_one_mute()
-            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
-            repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert robot.done == ["start_node(lidar_node)", "stop_node(lidar_node)", "start_node(lidar_node)"]
-    first = repair["rounds"][0]["reason"]
-    assert first.startswith("start_node(lidar_node) answered 'done', but ")
-    assert first.endswith(LONGER)
 
 
 @pytest.mark.anyio

@@ -20,7 +20,6 @@ from tests.robomend_board.processes import running as emulator
 from tests.waiting import eventually
 
 from robomend.api.runtime import Runtime
-from robomend.store import attempts
 
 pytestmark = pytest.mark.anyio
 
@@ -37,14 +36,6 @@ nodes:
   mapping: {publishes: {map: [scan]}}
 """
 
-INERTIAL = """
-robomend: 1
-name: inertial
-hardware:
-  imu: {blame_hardware: true}
-nodes:
-  imu_node: {drives: [imu], publishes: {imu_data: []}}
-"""
 
 WRITE = (sys.executable, "-c", "import sys; open(sys.argv[1], 'a').write(sys.argv[2] + '\\n')")
 """A program that notes its second argument in the file of the first."""
@@ -165,42 +156,6 @@ async def test_a_scanner_that_its_driver_s_restart_does_not_bring_back_is_replac
     # could not help against a broken scanner.
     assert done[0] == ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert len(done) == 2
-
-
-async def test_a_bus_is_reset_by_a_program_of_the_service_s_own_settings(tmp_path: Path) -> None:
-    log = tmp_path / "resets"
-    broken = True
-
-    class Inertial(Robot):
-        def do(self, name: str, parameter: str) -> None:
-            self.running[parameter] = name == "start_node"
-
-        def sentences(self) -> list[str]:
-            runs = self.running["imu_node"]
-            good = runs and (not broken or log.exists())
-            return [
-                "running(imu_node)" if runs else "not running(imu_node)",
-                "ok(imu_data)" if good else "not ok(imu_data)",
-            ]
-
-    async with service(tmp_path, programs={"usb-reset": (*WRITE, str(log), "{0}")}) as runtime:
-        await runtime.robots.models.put("inertial", INERTIAL, format=None, expected=None, by="test")
-        options = {"kind": "process", "options": {"program": "usb-reset"}}
-        config = {
-            **CONFIG,
-            "model": "inertial",
-            "observed": ["running(imu_node)", "ok(imu_data)"],
-            "domain": (ACTIONS / "reset_usb.pddl").read_text(),
-            "actions": {**by_agent("start_node", "stop_node"), "reset_usb": {"executor": options}},
-        }
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
-        robot = Inertial(runtime.repairs, runtime.robots, running={"imu_node": True})
-        async with running(robot):
-            repair = await the_repair(runtime)
-            counted = await runtime.store.read(attempts.counted, "r1", 0)
-    assert repair["state"] == "repaired", repair["reason"]
-    assert log.read_text() == "usb1\n"
-    assert set(counted) == {"imu_node"}  # the bus is no component of the model
 
 
 async def test_a_program_that_the_settings_do_not_name_is_refused_by_name(tmp_path: Path) -> None:

@@ -63,21 +63,6 @@ def test_one_that_watches_gets_every_channel_and_then_every_change(
     assert all(isinstance(line["time_ns"], int) for line in (*first, *changes))
 
 
-def test_power_can_be_lost_on_a_device_although_no_client_asked(emulator: Running, control: Control) -> None:
-    with RawClient(emulator.port) as client:
-        client.frame()
-        client.ask("02 04 02 00 07 01")
-        control.ask(set={"channel": 7, "on": False})
-        client.ask("02 03 00 00")
-        assert client.frame()[5 + 9 * 7] == 0
-
-
-def test_a_relay_that_sticks_cannot_be_set_either(control: Control) -> None:
-    control.ask(fault="stuck", channel=7)
-    answer = control.ask(set={"channel": 7, "on": True})
-    assert answer == {"ok": False, "error": "the relay of channel 7 does not move: it is faulty"}
-
-
 @pytest.mark.parametrize(
     ("line", "says"),
     [

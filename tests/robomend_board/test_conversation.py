@@ -50,35 +50,6 @@ def test_the_golden_dialogue() -> None:
     assert board.broadcast_hz == 0
 
 
-def test_every_wrong_command_gets_its_code_and_the_conversation_goes_on() -> None:
-    board = a_board()
-    assert raw(board, "02 04 02 00 0A 01") == "02 05 01 00 01"  # channel 10 of 0 to 9
-    assert raw(board, "02 04 02 00 03 02") == "02 05 01 00 02"  # neither on nor off
-    assert raw(board, "02 04 01 00 03") == "02 05 01 00 02"  # a byte is missing
-    assert raw(board, "02 03 02 00 00 00") == "02 05 01 00 02"  # two extra bytes
-    assert raw(board, "02 63 03 00 01 02 03") == "02 05 01 00 04"  # no such command
-    assert raw(board, "02 05 01 00 00") == "02 05 01 00 04"  # only boards send these
-    assert raw(board, "02 04 02 00 03 01") == "02 05 01 00 00"
-
-
-def test_a_command_split_into_bytes_is_one_command() -> None:
-    board = a_board()
-    found = [
-        message for byte in bytes.fromhex("02 04 02 00 03 01") for message in replies(board, bytes([byte]))
-    ]
-    assert found == [Acknowledge(Code.OK)]
-
-
-def test_two_clients_share_the_board_but_not_the_rate() -> None:
-    board = Board(default_rig(10))
-    first, second = Conversation(board), Conversation(board)
-    replies(first, encode(Broadcast(5)) + encode(SwitchChannel(7, 1)))
-    assert (first.broadcast_hz, second.broadcast_hz) == (5, 0)
-    *_, measured = replies(second, encode(Request()))
-    assert isinstance(measured, Measurements)
-    assert measured.channels[7].on
-
-
 commands: st.SearchStrategy[Command] = st.one_of(
     st.builds(Broadcast, st.integers(0, 255)),
     st.just(Request()),

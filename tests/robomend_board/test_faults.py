@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend_board.faults import FAULTS, Fault, FaultError, Line, Scope, parse_fault
+from robomend_board.faults import FAULTS, FaultError, Line, Scope, parse_fault
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -56,24 +56,3 @@ def test_pieces_put_together_in_order_of_time_are_the_frame(
     assert times == sorted(times)
     assert times[0] == delay_s
     assert max(len(piece) for _, piece in pieces) <= size
-
-
-def test_a_mute_line_sends_nothing() -> None:
-    assert Line(mute=True).pieces(b"frame") == []
-
-
-LASTING = [name for name, kind in FAULTS.items() if kind.scope is Scope.LINE and not kind.momentary]
-
-
-@pytest.mark.parametrize("name", LASTING)
-def test_a_lasting_fault_of_the_line_is_listed_until_it_is_cleared(name: str) -> None:
-    line = Line()
-    fault = parse_fault({"fault": name}, 10)
-    line.set(fault)
-    assert line.active() == {name: dict(fault.parameters)}
-    line.clear(name)
-    assert line == Line()
-
-
-def test_a_fault_knows_its_kind() -> None:
-    assert Fault("late").kind is FAULTS["late"]

@@ -25,28 +25,12 @@ def test_the_default_is_the_device_map_of_the_historic_board() -> None:
     ]
 
 
-@pytest.mark.parametrize("channels", [1, 8, 10, 255])
-def test_a_board_has_as_many_loads_as_channels(channels: int) -> None:
-    assert len(default_rig(channels).loads) == channels
-
-
-@pytest.mark.parametrize("load", default_rig(10).loads)
-def test_no_default_load_exceeds_its_channel(load: Load) -> None:
-    assert load.overload_s() == 0.0
-
-
 def test_a_file_gives_the_supply_and_the_loads_that_it_lists(tmp_path: Path) -> None:
     path = tmp_path / "loads.yaml"
     path.write_text("supply: {voltage_v: 12}\nchannels:\n  1: {name: arm, steady_a: 2, inrush_a: 4}\n")
     rig = read_rig(path, 3)
     assert rig.supply == Supply(voltage_v=12.0)
     assert rig.loads == (Load(), Load("arm", 2.0, 4.0), Load())
-
-
-def test_a_json_file_is_read_too(tmp_path: Path) -> None:
-    path = tmp_path / "loads.json"
-    path.write_text('{"channels": {"0": {"steady_a": 1.5}}}')
-    assert read_rig(path, 1).loads == (Load(steady_a=1.5),)
 
 
 @pytest.mark.parametrize(
@@ -71,8 +55,3 @@ def test_a_wrong_file_is_refused_with_the_place(tmp_path: Path, text: str, says:
     with pytest.raises(LoadsError, match=says) as refused:
         read_rig(path, 3)
     assert "loads.yaml" in str(refused.value)
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LoadsError, match=r"none\.yaml: cannot be read: No such file"):
-        read_rig(tmp_path / "none.yaml", 3)

@@ -39,22 +39,6 @@ def test_a_signal_ends_it_cleanly_with_clients_connected(number: signal.Signals,
         assert client.ends()
 
 
-def test_the_relays_survive_kill_9_in_the_middle_of_a_broadcast(tmp_path: Path) -> None:
-    state = str(tmp_path / "state.json")
-    with running("--state", state, "--on", "2") as first, RawClient(first.port) as client:
-        client.frame()
-        client.ask("02 01 01 00 C8")
-        client.ask("02 04 02 00 07 01")
-        client.ask("02 04 02 00 02 00")
-        first.kill()
-    with running("--state", state, "--on", "2") as second, RawClient(second.port) as client:
-        client.frame()
-        client.ask("02 03 00 00")
-        measured = client.frame()
-        assert [measured[5 + 9 * n] for n in range(10)] == [0, 0, 0, 0, 0, 0, 0, 1, 0, 0]
-    assert list(tmp_path.iterdir()) == [Path(state)]
-
-
 def test_every_acknowledged_switch_survives_kill_9(tmp_path: Path, long: bool) -> None:
     chance = random.Random(11)
     relays, in_doubt = [False] * 10, 0
@@ -73,16 +57,6 @@ def test_every_acknowledged_switch_survives_kill_9(tmp_path: Path, long: bool) -
             in_doubt = chance.randrange(10)
             client.send(f"02 04 02 00 {in_doubt:02x} {not relays[in_doubt]:02x}")  # it may act or not
             emulator.kill()
-
-
-def test_without_a_state_file_every_start_is_a_first_one() -> None:
-    for _ in range(2):
-        with running("--on", "2,3") as emulator, RawClient(emulator.port) as client:
-            client.frame()
-            client.ask("02 03 00 00")
-            measured = client.frame()
-            assert [n for n in range(10) if measured[5 + 9 * n]] == [2, 3]
-            client.ask("02 04 02 00 07 01")
 
 
 @pytest.mark.anyio
@@ -107,13 +81,6 @@ async def test_a_link_survives_kill_9_of_the_board_and_finds_the_relays_as_they_
                 second.kill()
                 assert second.process.stdout is not None
                 second.process.stdout.close()
-
-
-def test_the_ready_line_names_the_process_and_its_ports() -> None:
-    with running("--channels", "8") as emulator:
-        for port in (emulator.port, emulator.control_port):
-            socket.create_connection(("127.0.0.1", port), END_S).close()
-        assert emulator.process.poll() is None
 
 
 def test_it_ends_with_the_process_that_started_it() -> None:

@@ -62,20 +62,6 @@ def test_one_that_was_up_blames_its_members() -> None:
     assert robot.question()[0] == version != MODEL.version
 
 
-def test_a_member_that_is_meant_to_be_stopped_suspends_it() -> None:
-    robot = made(expected={"stopped": ["ctl"]})
-    say(robot, 1, "state", "cmd")
-    say(robot, 2, silent=("state", "cmd"))
-    assert bad_of(robot) == {()}
-
-
-def test_robots_of_one_model_share_what_a_circle_makes_of_it() -> None:
-    one, other = made(), made()
-    for robot in (one, other):
-        say(robot, 1, "state", "cmd")
-    assert one.question()[1] is other.question()[1]
-
-
 def test_after_a_restart_of_the_service_the_last_diagnosis_tells_that_it_was_up() -> None:
     before = made()
     say(before, 1, "state", "cmd")

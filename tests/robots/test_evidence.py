@@ -41,23 +41,12 @@ def test_how_much_reports_differ_on_their_way_is_that_of_the_source_that_differs
     assert clocks.spread_ns() == 90 * S
 
 
-def test_what_a_batch_says_counts() -> None:
-    assert dated(Obs(), NOW - 5, onset=(NOW - 9,))(BAD, 0) == (NOW - 5, NOW - 9)
-
-
 def test_without_it_the_usual_delay_is_taken_off_but_not_of_readings_nor_of_good_news_after_bad() -> None:
     assert dated(Obs())(OK, 0) == (NOW - 2 * S, None)
     assert dated(Obs([Entry(OK, "general", 1)]))(OK, 0)[0] == NOW - 2 * S
     assert dated(Obs([Entry(BAD, "general", 1)]))(OK, 0)[0] == NOW
     assert dated(Obs([Entry(OK, "general", 1)]))(BAD, 0)[0] == NOW - 2 * S
     assert dated(Obs())(RUNNING, 0) == (NOW, NOW)
-
-
-def test_what_goes_on_keeps_its_onset_while_its_evidence_moves_on() -> None:
-    held = Entry(BAD, "general", 1, None, NOW - 8 * S, NOW - 9 * S)
-    assert dated(Obs([held]), NOW - S)(BAD, 0) == (NOW - S, NOW - 9 * S)
-    assert dated(Obs([Entry(BAD, "general", 1, None, NOW - 8 * S)]), NOW - S)(BAD, 0)[1] == NOW - 8 * S
-    assert dated(Obs([held]), NOW - S)(OK, 0) == (NOW - S, None)
 
 
 def test_values_that_do_not_fit_are_refused_with_their_place() -> None:
@@ -98,17 +87,6 @@ def test_no_evidence_is_from_the_services_future_whatever_a_source_stamps(
         )
         since_ns, _ = rests_on(OK, 0)
         assert since_ns <= arrival_ns - old_s * S
-
-
-def test_a_lifetime_is_one_by_the_services_clock() -> None:
-    for skew_s in (-300, -10, 0, 30):  # how far the source is ahead
-        clocks = SourceClocks()
-        for number in range(ENOUGH):
-            arrival = NOW + number * S
-            clocks.offset_ns("agent", arrival + skew_s * S, arrival)
-        end = arrival + skew_s * S + clocks.behind_ns("agent") + 2 * S + clocks.lives_on_ns("agent")
-        assert end == arrival + 2 * S
-        assert clocks.lives_on_ns("another") == 0
 
 
 def test_a_batch_that_waited_on_a_disk_stays_old() -> None:
@@ -163,34 +141,6 @@ def test_a_topic_that_is_heard_again_is_not_looked_at_to_the_end_before_its_obse
     assert looked(11_700, 9_700) == 11_700  # it had its time, and is at a wrong rate
 
 
-def test_only_what_was_heard_to_be_off_was_seen_to_begin() -> None:
-    held = Obs()
-    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
-    seen = []
-    for number, literal in enumerate((RUNNING, RUNNING, -RUNNING, RUNNING)):
-        entry = Entry(literal, "general", number * S, None, number * S)
-        sight.hear([entry], held.update([entry]))
-        seen.append(sight.seen_off(RUNNING.atom))
-    assert seen == [False, False, True, True]
-
-
-def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend.robots.sight.MAX_ATOMS", 10)
-    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=Obs())))
-    for number in range(100):
-        entry = Entry(Literal(Atom("ok", (f"t{number}",))), "general", S, None, S)
-        sight.hear([entry], [entry])
-        assert sight.good_ns(entry) == (S, S)
-        fell = Entry(Literal(Atom("ok", (f"t{number}",)), False), "general", 2 * S, None, 2 * S)
-        if number % 2:
-            sight.hear([fell], [fell])
-        stopped = Entry(Literal(Atom("running", (f"n{number}",)), False), "general", S, None, S)
-        sight.hear([stopped], [stopped])
-        assert sight.seen_off(stopped.atom)
-    assert len(sight._rose) + len(sight._fell) <= 11
-    assert len(sight._off) <= 11
-
-
 @pytest.mark.parametrize(
     ("source", "after_ms", "seen"),
     [("board", 1, True), ("board", -1, False), ("agent", 1, False), ("agent", 51, True)],
@@ -216,14 +166,6 @@ def test_a_clock_that_was_ahead_and_is_set_right_is_right_after_a_few_batches() 
         clocks.offset_ns("agent", NOW + number * S - 5_000_000, NOW + number * S) for number in range(20, 26)
     ]
     assert found == [-40 * S] * (ENOUGH - 1) + [5_000_000] * 3
-
-
-def test_a_backlog_of_a_clock_that_is_ahead_does_not_make_it_right() -> None:
-    clocks = SourceClocks()
-    for number in range(8):
-        clocks.offset_ns("agent", NOW + (number + 40) * S, NOW + number * S)
-    for number in range(8):  # what waited on a disk for a minute
-        assert clocks.offset_ns("agent", NOW + (number - 20) * S, NOW + 9 * S) == -40 * S
 
 
 def test_a_source_that_contradicts_itself_again_and_again_is_two() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from robomend.entry import Entry
 from robomend.robots.batches import Update
-from robomend.robots.reporters import AGAIN_S, OTHERS_AGAIN_S, OURSELVES, Reporter, Reports
+from robomend.robots.reporters import AGAIN_S, OTHERS_AGAIN_S, Reporter, Reports
 from robomend_client.literals import Atom, Literal
 
 LASER = Update([Entry(Literal(Atom("ok", ("scan",)), True), "laser", 1)])
@@ -31,8 +31,3 @@ def test_a_key_is_told_again_after_a_while(
     assert reports.due("r1", Reporter("another", own), LASER)
     now += again_s
     assert reports.due("r1", key, LASER)
-
-
-def test_what_the_service_says_itself_and_what_has_no_literals_is_no_report() -> None:
-    assert not Reports().due("r1", OURSELVES, LASER)
-    assert not Reports().due("r1", Reporter("key"), Update())

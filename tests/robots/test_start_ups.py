@@ -14,7 +14,7 @@ from robomend.entry import Entry
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.robots import start_ups
 from robomend.robots.declared import Delays
-from robomend.robots.start_ups import BOOTS_NS, LATEST, LEAST_NS, SLACK_NS, Starts, StartUps
+from robomend.robots.start_ups import BOOTS_NS, LATEST, LEAST_NS, SLACK_NS, StartUps
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -150,50 +150,6 @@ def test_a_start_that_a_planted_fault_held_up_until_it_was_undone_teaches_nothin
     assert found.may_take_ns("scan") == 2 * 2 * S
 
 
-def test_a_topic_that_was_heard_already_and_comes_back_is_no_start() -> None:
-    found = StartUps()
-    started(found, DRIVER, SCAN, 100, 0.8)
-    heard(found, news(Literal(SCAN, False), 120), news(Literal(SCAN), 130))
-    assert found.may_take_ns("scan") == round(2 * 0.8 * S)
-    # The verdict of the one before stood until the new one was good: that is not news, and it falls later.
-    heard(found, news(Literal(DRIVER, False), 200), news(Literal(DRIVER), 201))
-    silent = Entry(Literal(SCAN, False), "agent", 220 * S, None, 220 * S, onset_ns=219 * S)
-    heard(found, silent, news(Literal(SCAN), 230))
-    assert found.may_take_ns("scan") == round(2 * 0.8 * S)
-
-
-def test_silence_whose_last_sample_was_of_the_one_before_does_not_end_a_start() -> None:
-    found = StartUps()
-    heard(found, news(Literal(DRIVER, False), 99), news(Literal(DRIVER), 100))
-    silent = Entry(Literal(SCAN, False), "agent", 101 * S, None, 101 * S, onset_ns=round(98.9 * S))
-    heard(found, silent, news(Literal(SCAN), 104))
-    assert found.may_take_ns("scan") == 2 * 4 * S
-
-
-def test_what_is_to_be_written_is_told_once_and_what_was_read_is_known() -> None:
-    found = StartUps()
-    assert found.unwritten() == {}
-    started(found, DRIVER, SCAN, 100, 2)
-    started(found, DRIVER, SCAN, 200, 3)
-    starts = StoredStart(2 * S, 2 * S, False), StoredStart(3 * S, 3 * S, False)
-    assert found.unwritten() == {"scan": starts}
-    assert found.unwritten() == {}
-    other = StartUps()
-    other.recall({"scan": starts}, PARTS)
-    assert other.may_take_ns("scan") == 2 * 3 * S
-    assert other.unwritten() == {}
-
-
-def test_of_topics_that_the_model_has_not_any_more_nothing_is_kept() -> None:
-    found = StartUps()
-    start = StoredStart(S, S, False)
-    found.recall({"scan": (start,), "gone": (start,)}, PARTS)
-    assert found.may_take_ns("gone") is None
-    assert found.unwritten() == {"gone": ()}
-    found.publishers(replace(PARTS, nodes={"mapping": PARTS.nodes["mapping"]}))
-    assert found.unwritten() == {"scan": ()}
-
-
 def test_a_start_is_in_vain_after_twice_the_longest_and_its_observers_time() -> None:
     found = StartUps()
     assert left_s(found, Seen(), SCAN) == inf
@@ -261,35 +217,6 @@ def test_to_what_an_input_held_up_only_the_time_after_the_input_is_added_again(t
     assert booted(-1, 3, told_last=told_last).may_take_ns("map") == 6 * S
 
 
-def test_where_an_input_was_never_heard_of_nobody_knows_what_it_held_up() -> None:
-    found = StartUps()
-    started(found, MAPPING, MAP, 100, 3)
-    assert found.unwritten() == {"map": (StoredStart(3 * S, 3 * S, True),)}
-    assert found.may_take_ns("map") == 6 * S
-    seen = Seen(rose={SCAN: 110 * S})  # it fell since, and came back
-    heard(found, news(Literal(SCAN), 110), seen=seen)
-    assert found.may_take_ns("map") == 6 * S
-
-
-def test_a_start_that_nothing_held_up_counts_more_than_those_that_had_to_wait() -> None:
-    starts = Starts([StoredStart(10 * S, S, True)])
-    assert (starts.after_node_ns(), starts.after_inputs_ns()) == (10 * S + 10 * S // 4, 2 * S)
-    starts.add(StoredStart(3 * S, 3 * S, False))
-    assert (starts.after_node_ns(), starts.after_inputs_ns()) == (6 * S, 2 * S)
-    starts.add(StoredStart(10 * S, 4 * S, True))  # after its inputs it took that long: so its own time is
-    assert (starts.after_node_ns(), starts.after_inputs_ns()) == (8 * S, 8 * S)
-    assert Starts([StoredStart(3 * S, 3 * S, False)]).after_inputs_ns() == 6 * S
-
-
-def test_a_node_that_was_not_started_itself_has_the_time_that_it_took_after_its_inputs() -> None:
-    found = booted(3, 4)
-    seen = Seen(rose={SCAN: 1003 * S, MAPPING: 500 * S})
-    seen.values[SCAN] = True
-    assert left_s(found, seen, MAP) == pytest.approx(3 + 2 + 0.5 + SLACK_NS / S)
-    seen.rose = {SCAN: 1001 * S, MAPPING: 1000 * S}
-    assert left_s(found, seen, MAP) == pytest.approx(5 + 0.5 + SLACK_NS / S)
-
-
 def test_an_input_that_nobody_watches_is_taken_to_be_there_if_its_node_has_run_for_long() -> None:
     found, seen = StartUps(), Seen()
     started(found, MAPPING, MAP, 100, 0.8)
@@ -304,25 +231,6 @@ def test_an_input_that_nobody_watches_is_taken_to_be_there_if_its_node_has_run_f
     assert left_s(found, seen, MAP) == inf
 
 
-def test_a_start_in_vain_whose_input_nobody_watches_doubles_the_time_of_the_next_one() -> None:
-    found = StartUps()
-    started(found, MAPPING, MAP, 100, 0.8)
-    silent = Seen(rose={MAPPING: 200 * S})
-    del silent.values[SCAN]
-    heard(found, news(Literal(MAPPING, False), 190), news(Literal(MAPPING), 200), seen=silent)
-    heard(found, news(Literal(MAPPING, False), 203), news(Literal(MAPPING), 204), seen=silent)
-    assert left_s(found, silent, MAP) == pytest.approx(3.2 + 0.5 + SLACK_NS / S)
-
-
-def test_what_an_observer_has_looked_at_is_not_waited_for_again() -> None:
-    found, seen = StartUps(), Seen()
-    started(found, DRIVER, SCAN, 100, 0.8)
-    seen.looked[SCAN] = round(1001.5 * S)
-    assert left_s(found, seen, SCAN) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
-    seen.looked[SCAN] = round(1001.6 * S)
-    assert left_s(found, seen, SCAN) == pytest.approx(1.6)
-
-
 def test_a_start_after_one_that_was_given_up_has_twice_its_time(clock: SimpleNamespace) -> None:
     """Nobody knows that the one before was mute, and not only slow: the second is not given up too soon."""
     found = StartUps()
@@ -335,17 +243,6 @@ def test_a_start_after_one_that_was_given_up_has_twice_its_time(clock: SimpleNam
     assert left_s(found, silent, SCAN) == pytest.approx(3.2 + 0.5 + SLACK_NS / S)
     heard(found, news(Literal(SCAN), 208), seen=silent)
     assert found.may_take_ns("scan") == 4 * S  # it was seen what it takes
-
-
-def test_a_start_that_ended_before_its_inputs_came_says_nothing() -> None:
-    found = StartUps()
-    started(found, MAPPING, MAP, 100, 1)
-    heard(found, news(Literal(MAPPING, False), 190), news(Literal(MAPPING), 200))
-    heard(found, news(Literal(MAPPING, False), 230), news(Literal(MAPPING), 231))
-    assert found.may_take_ns("map") == 2 * S
-    seen = Seen(rose={SCAN: 240 * S})
-    heard(found, news(Literal(MAPPING, False), 243), news(Literal(MAPPING), 244), seen=seen)
-    assert found.may_take_ns("map") == 4 * S
 
 
 seconds = st.floats(0, 8).map(lambda given: round(given, 2))
@@ -421,33 +318,6 @@ def test_a_device_that_a_repair_switched_is_waited_for_also_where_nobody_tells_o
     assert left_s(found, mapped, MAP) < inf  # it hangs on no device
 
 
-def test_after_an_act_of_the_users_own_one_waits_as_configured(clock: SimpleNamespace) -> None:
-    found = StartUps()
-    started(found, DRIVER, SCAN, 100, 0.8)
-    found.acted(Action("r:0", "reset_usb", ("usb1",), 1.0), 999 * S, 1005 * S)
-    assert left_s(found, Seen(), SCAN) == inf
-    clock.time_ns = 1005 * S
-    assert left_s(found, Seen(), SCAN, since_s=1005) < inf
-
-
-def test_how_long_a_node_may_be_silent_is_known_of_those_that_a_repair_started() -> None:
-    found, node = StartUps(), PARTS.nodes["driver"]
-    started(found, DRIVER, SCAN, 100, 0.8)
-    started(found, DRIVER, ECHOES, 200, 2)
-    assert (
-        found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is None
-    )  # a boot may take longer than a restart
-    found.acted(Action("r:0", "start_node", ("driver",), 1.0), 999 * S, 1005 * S)
-    assert found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) == round(4.5 * S) + SLACK_NS
-    told = Seen(looked={SCAN: 1010 * S, ECHOES: 1004 * S})
-    assert found.after_our_start_ns(node, 1000 * S, PARTS, told) == 4 * S  # nothing is on its way
-    assert found.after_our_start_ns(node, 998 * S, PARTS, Seen()) is None
-    other = StartUps()
-    started(other, DRIVER, SCAN, 100, 0.8)
-    other.acted(Action("r:0", "start_node", ("driver",), 1.0), 999 * S, 1005 * S)
-    assert other.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is None  # echoes may take longer
-
-
 # --- longer than is configured
 
 SLOW = replace(
@@ -459,17 +329,6 @@ SLOW = replace(
 
 def due_s(found: StartUps, seen: Seen, *missing: Atom, parts: ComponentModel = PARTS) -> float:
     return found.due_s([Literal(atom) for atom in missing], 5.0, parts, seen)
-
-
-def test_what_took_long_is_waited_for_half_as_long_again_and_its_observers_time() -> None:
-    found = StartUps()
-    seen = Seen(rose={DRIVER: 1000 * S})
-    assert due_s(found, seen, SCAN) < 0  # nothing is known
-    started(found, DRIVER, SCAN, 100, 22)
-    assert due_s(found, seen, SCAN) == pytest.approx(33 + 0.5 + SLACK_NS / S)
-    seen.rose[DRIVER] = 900 * S  # it has run for long: why it is silent is another matter
-    assert due_s(found, seen, SCAN) < 0
-    assert due_s(found, seen, ECHOES) < 0
 
 
 def test_what_the_model_says_is_known_before_any_start_was_seen() -> None:
@@ -494,14 +353,6 @@ def test_what_waits_for_an_input_is_due_after_that_and_what_hangs_on_a_device_af
     assert found.drivable_ns("driver", SLOW, seen) == 0
 
 
-def test_observers_have_their_time_once_however_many_topics_wait_for_each_other() -> None:
-    found = StartUps()
-    seen = Seen(rose={MAPPING: 1000 * S, DRIVER: 1000 * S})
-    started(found, DRIVER, SCAN, 100, 4)
-    started(found, MAPPING, MAP, 100, 2)
-    assert due_s(found, seen, SCAN, MAP) == pytest.approx(6 + 3 + 0.5 + SLACK_NS / S)
-
-
 def test_who_still_sees_nothing_when_it_was_due_is_not_waited_for_until_it_would_have_judged(
     clock: SimpleNamespace,
 ) -> None:
@@ -518,25 +369,6 @@ def test_who_still_sees_nothing_when_it_was_due_is_not_waited_for_until_it_would
     assert due_s(found, seen, SCAN) > 19
 
 
-def test_circles_of_topics_end() -> None:
-    nodes = {
-        "a": Node("a", publishes={"x": ("y",)}, start_s=10.0),
-        "b": Node("b", publishes={"y": ("x",)}, start_s=10.0),
-    }
-    parts = ComponentModel("circle", {}, nodes, {})
-    x, y = Atom("ok", ("x",)), Atom("ok", ("y",))
-    seen = Seen({x: False, y: False}, {Atom("running", (n,)): 1000 * S for n in "ab"})
-    assert 0 < due_s(StartUps(), seen, x, parts=parts) < 60
-
-
-@pytest.mark.parametrize(("jumped_s", "learned"), [(0.0, True), (-21.0, False), (20.0, False)])
-def test_of_a_start_in_whose_middle_a_clock_jumped_nothing_is_learned(jumped_s: float, learned: bool) -> None:
-    found = StartUps()
-    heard(found, news(Literal(DRIVER, False), 99), news(Literal(DRIVER), 100))
-    heard(found, news(Literal(SCAN), 122 + jumped_s), late_s=-jumped_s)
-    assert (found.may_take_ns("scan") is not None) is learned
-
-
 # --- at a boot
 
 
@@ -549,14 +381,6 @@ def test_a_node_that_began_by_itself_and_was_never_heard_has_as_long_as_a_boot_t
     assert found.at_boot_ns(node, 990 * S, PARTS, seen) == 0  # it has only been started again
     seen.fell[SCAN] = 900 * S
     assert found.at_boot_ns(node, 990 * S, PARTS, seen) == BOOTS_NS
-
-
-def test_what_a_repair_started_has_no_longer_at_a_boot() -> None:
-    node, seen = PARTS.nodes["driver"], Seen(rose={DRIVER: 990 * S})
-    ours = StartUps()
-    ours.acted(Action("a", "start_node", ("driver",), 1.0), 989 * S, 991 * S)
-    assert ours.at_boot_ns(node, 990 * S, PARTS, seen) == 0
-    assert ours.at_boot_ns(node, 5000 * S, PARTS, seen) == BOOTS_NS
 
 
 def test_what_is_known_of_boots_and_starts_is_what_they_have_at_a_boot() -> None:

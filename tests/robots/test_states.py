@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import asyncio
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,12 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from tests.examples import examples
 
-import robomend
 from robomend.model.loading import load_text
 from robomend.robots.current import Current
-from robomend.robots.robot import HELD, SEARCH, Held, HeldTrigger, Robot, Search, SearchTrigger, Writing
+from robomend.robots.robot import HELD, SEARCH, Held, Robot, Search, SearchTrigger, Writing
 from robomend.store.records import StoredModel, StoredObs, StoredRobot
-from robomend.transitions import NoTransition, after
+from robomend.transitions import NoTransition
 
 SOURCE = "robomend: 1\nname: m\nnodes: {n: {publishes: {t: []}}}\n"
 SYSTEM = load_text(SOURCE, name="m", format=None)
@@ -157,27 +154,12 @@ Life.TestCase.settings = settings(examples(200), stateful_step_count=30)
 test_a_robots_life = Life.TestCase
 
 
-@pytest.mark.parametrize("trigger", HeldTrigger)
-def test_what_was_never_read_can_only_be_read(trigger: HeldTrigger) -> None:
-    if trigger is HeldTrigger.READ:
-        assert after(HELD, Held.UNREAD, trigger) is Held.FRESH
-    else:
-        with pytest.raises(NoTransition):
-            after(HELD, Held.UNREAD, trigger)
-
-
 def test_a_deleted_robot_is_never_read_again() -> None:
     robot = Robot(STORED, MODEL, SYSTEM, _unused)
     robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None, {})
     robot.deleted()
     with pytest.raises(NoTransition, match="gone: READ"):
         robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None, {})
-
-
-def test_a_diagnosis_that_nobody_began_cannot_come() -> None:
-    robot = Robot(STORED, MODEL, SYSTEM, _unused)
-    with pytest.raises(NoTransition, match="idle: CAME"):
-        robot.diagnosis_came()
 
 
 def test_nothing_leads_out_of_gone_and_every_state_can_be_reached() -> None:
@@ -189,20 +171,3 @@ def test_nothing_leads_out_of_gone_and_every_state_can_be_reached() -> None:
 
 async def _unused(robot: str) -> Robot:
     raise AssertionError(robot)
-
-
-def test_only_a_robots_own_class_assigns_what_is_held_of_it() -> None:
-    """Also those attributes whose names other classes have: it is they who assign them, by `self`."""
-    held = set(Robot.__slots__)
-    root = Path(robomend.__file__).parent
-    found = []
-    for path in (
-        path for room in ("robots", "repairs", "oneshots", "api") for path in root.rglob(f"{room}/**/*.py")
-    ):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Attribute) or isinstance(node.ctx, ast.Load):
-                continue
-            own = isinstance(node.value, ast.Name) and node.value.id == "self"
-            if node.attr in held and not own:
-                found.append(f"{path.relative_to(root)}:{node.lineno} {ast.unparse(node)}")
-    assert found == []

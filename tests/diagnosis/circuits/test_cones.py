@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from dataclasses import replace
 from itertools import product
 
@@ -13,15 +12,14 @@ from tests.diagnosis.netlists import (
     Circuit,
     circuit,
     fresh_solver_diagnoses,
-    netlist_model,
     observed_circuits,
 )
 from tests.examples import examples
 
 from robomend.diagnosis.circuits import toplevel
-from robomend.diagnosis.circuits.cones import by_output, few_behind, find_cones
+from robomend.diagnosis.circuits.cones import find_cones
 from robomend.diagnosis.circuits.flips import Flips
-from robomend.diagnosis.circuits.netlist import Gate, Netlist, recover
+from robomend.diagnosis.circuits.netlist import recover
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import HealthCnf
@@ -31,69 +29,6 @@ from robomend_client.literals import Atom, Literal
 SUBSET = Options(limit=None, timeout_s=None)
 MINIMUM = Options(minimal="cardinality", limit=None, timeout_s=None)
 FACTORED = Options(minimal="cardinality", limit=None, timeout_s=None, factored=True)
-
-
-def test_a_chain_is_one_cone() -> None:
-    chain = netlist_model(["x"], {"a": ("NOT", ["x"]), "b": ("NOT", ["a"]), "c": ("NOT", ["b"])})
-    netlist = recover(chain.cnf)
-    assert netlist is not None
-    cones = find_cones(netlist, [netlist.gates[2].output])
-    assert cones.top == (2,)
-    assert cones.members == {2: (0, 1, 2)}
-
-
-def test_an_observed_inner_net_ends_a_cone() -> None:
-    chain = netlist_model(["x"], {"a": ("NOT", ["x"]), "b": ("NOT", ["a"]), "c": ("NOT", ["b"])})
-    netlist = recover(chain.cnf)
-    assert netlist is not None
-    cones = find_cones(netlist, [netlist.gates[1].output, netlist.gates[2].output])
-    assert cones.top == (1, 2)
-
-
-def test_gates_that_no_observed_net_depends_on_are_in_no_cone() -> None:
-    fork = netlist_model(["x"], {"a": ("NOT", ["x"]), "b": ("NOT", ["x"])})
-    netlist = recover(fork.cnf)
-    assert netlist is not None
-    assert find_cones(netlist, [netlist.gates[0].output]).seen == (0,)
-
-
-def test_the_gates_behind_few_inputs_come_first() -> None:
-    gates = {"a": ("AND", ["x", "y"]), "b": ("OR", ["a", "z"]), "c": ("NOT", ["y"]), "d": ("AND", ["c", "z"])}
-    netlist = recover(netlist_model(["x", "y", "z"], gates).cnf)
-    assert netlist is not None
-    net = {list(gates)[gate.component - 1]: gate.output for gate in netlist.gates}
-
-    def listed(*observed: str) -> list[str]:
-        nets = [net[name] for name in observed]
-        top = by_output(netlist, find_cones(netlist, nets), nets)
-        return [list(gates)[netlist.gates[index].component - 1] for index in top]
-
-    assert listed("b", "c", "d") == ["c", "d", "b"]
-    assert listed("b", "d") == ["d", "b"]
-
-
-def test_the_few_gates_behind_an_output_are_told_and_no_others() -> None:
-    gates = {
-        "a": ("AND", ["x", "y"]),
-        "b": ("OR", ["a", "z"]),
-        "c": ("NOT", ["a"]),
-        "d": ("AND", ["b", "c"]),
-        "e": ("AND", ["d", "c"]),
-    }
-    netlist = recover(netlist_model(["x", "y", "z"], gates).cnf)
-    assert netlist is not None
-    names = [list(gates)[gate.component - 1] for gate in netlist.gates]
-    observed = [netlist.gates[names.index(name)].output for name in "bdec"]
-    cones = find_cones(netlist, observed)
-
-    def told(at_most: int) -> list[str]:
-        return [
-            "".join(names[index] for index in few) for few in few_behind(netlist, cones, observed, at_most)
-        ]
-
-    assert told(4) == ["ab", "abcd", "", "ac"]  # all five are behind e
-    assert told(2) == ["ab", "", "", "ac"]
-    assert told(1) == ["", "", "", ""]
 
 
 @pytest.mark.parametrize(("name", "tops"), [("c17", 4), ("c432", 59), ("c1908", 160), ("c7552", 545)])
@@ -233,41 +168,6 @@ def test_a_pass_gives_what_gate_after_gate_gives(
     alone = [gate for gate in flippable if seen(gate) == expected]
     assert [flippable[position] for position in singles] == alone
     assert flips.explaining_alone(inputs, expected, flippable[1:]) == [g for g in alone if g in flippable[1:]]
-
-
-@pytest.mark.parametrize("name", ["c432", "c880", "c2670"])
-def test_a_pass_over_the_top_level_gives_what_gate_after_gate_gives(name: str) -> None:
-    made = circuit(name)
-    netlist = recover(made.cnf)
-    assert netlist is not None
-    gates, checks = netlist.gates, made.numbers(made.outputs)
-    driven = netlist.driver()
-    checks = [net for net in checks if net in driven]
-    cones = find_cones(netlist, checks)
-    flips = Flips(netlist, cones.top, cones.seen, checks)
-    chance = random.Random(name)
-    inputs = {net: chance.randrange(2) for net in flips.inputs}
-    expected = [bool(chance.randrange(2)) for _ in checks]
-    wrong = flips.one_by_one([bool(inputs[net]) for net in flips.inputs], expected)
-    for lane in (0, *chance.sample(range(1, len(cones.top) + 1), 20)):
-        values = dict(inputs)
-        for index in cones.seen:
-            gate = gates[index]
-            value = eval(gate.expression.format(*(values[net] for net in gate.inputs)), {"M": 1})
-            values[gate.output] = value ^ (lane > 0 and index == cones.top[lane - 1])
-        assert [lanes >> lane & 1 for lanes in wrong] == [
-            int(values[net] != value) for net, value in zip(checks, expected, strict=True)
-        ]
-
-
-def test_a_pass_over_a_long_chain_of_gates_that_cannot_be_flipped_is_compiled() -> None:
-    length = 1_000  # each reads an input of its own and the one before: one expression would be as deep
-    chain = [Gate(1, 1, (length + 1, length + 2), "{0}&{1}", operator="&")]
-    chain += [Gate(n, n, (n - 1, length + 1 + n), "{0}&{1}", operator="&") for n in range(2, length + 1)]
-    netlist = Netlist(tuple(chain), frozenset(range(length + 1, 2 * length + 2)))
-    flips = Flips(netlist, [0, length - 1], range(length), [length])
-    assert flips.singles([True] * (length + 1), [False]) == (False, [0, 1])
-    assert flips.singles([True] * length + [False], [True]) == (False, [1])
 
 
 def bench(inputs: list[str], gates: list[str]) -> HealthCnf:

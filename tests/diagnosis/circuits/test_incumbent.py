@@ -6,12 +6,10 @@ import pytest
 from hypothesis import assume, given
 from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
 
-from robomend.diagnosis.circuits import toplevel
 from robomend.diagnosis.circuits.flips import Flips
-from robomend.diagnosis.circuits.netlist import Gate, Netlist, recover
+from robomend.diagnosis.circuits.netlist import recover
 from robomend.diagnosis.circuits.toplevel import find_incumbent
 from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Engine, Options
 from robomend_client.literals import Literal
 
@@ -63,33 +61,6 @@ def test_an_incumbent_explains_what_is_seen_and_each_of_its_gates_is_needed(
     assert not any(explains(gates - {gate}) for gate in gates)
 
 
-def test_gates_that_are_not_in_each_others_way_are_found_at_once() -> None:
-    count = 2 * toplevel.PASSES  # buffers side by side, each of whose outputs is wrong
-    gates = tuple(Gate(one, count + one, (2 * count + one,), "{0}") for one in range(1, count + 1))
-    netlist = Netlist(gates, frozenset(gate.inputs[0] for gate in gates))
-    flips = Flips(netlist, range(count), range(count), [gate.output for gate in gates])
-    inputs, expected = [False] * count, [True] * count
-    wrong = flips.one_by_one(inputs, expected)
-    assert find_incumbent(flips, inputs, expected, wrong) == list(range(count))
-
-
-def test_what_can_be_left_out_is_told_one_gate_at_a_time() -> None:
-    count = 40  # buffers side by side, of which the outputs of the first three are wrong
-    gates = tuple(Gate(one, count + one, (2 * count + one,), "{0}") for one in range(1, count + 1))
-    netlist = Netlist(gates, frozenset(gate.inputs[0] for gate in gates))
-    flips = Flips(netlist, range(count), range(count), [gate.output for gate in gates])
-    inputs, expected = [False] * count, [True] * 3 + [False] * (count - 3)
-    assert flips.needed(inputs, expected, [0, 1, 2]) == {0, 1, 2}
-    assert flips.needed(inputs, expected, [0, 2]) is None
-    assert flips.needed(inputs, expected, [0, 1, 2, 39]) is None
-
-
-def test_what_nobody_looks_for_longer_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(toplevel, "PASSES", 0)
-    made = circuit("c499")
-    assert incumbent_of(made, made.observe(9, 2)) is None
-
-
 @pytest.mark.parametrize(("name", "faults", "seed"), MANY_FAULTS)
 def test_the_first_diagnosis_is_as_small_as_that_of_another_engine(name: str, faults: int, seed: int) -> None:
     made = circuit(name)
@@ -110,28 +81,3 @@ def test_the_first_diagnosis_is_one_of_the_smallest_of_the_definition(
     (found,) = warm(made).diagnose(observations, FIRST).diagnoses
     assert len(found.bad) == least
     assert found.bad in expected
-
-
-def test_without_an_incumbent_the_minimum_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes = []
-    for _ in range(2):
-        engine = warm(circuit("c880"))
-        answers = [engine.diagnose(circuit("c880").observe(faults, faults), FIRST) for faults in range(1, 13)]
-        sizes.append([len(answer.diagnoses[0].bad) for answer in answers])
-        monkeypatch.setattr(toplevel, "find_incumbent", lambda *_: None)
-    assert sizes[0] == sizes[1]
-    assert max(sizes[0]) > 3
-
-
-def test_the_clock_is_looked_at_between_passes() -> None:
-    netlist = recover(circuit("c17").cnf)
-    assert netlist is not None
-    every = range(len(netlist.gates))
-    flips = Flips(netlist, every, every, [gate.output for gate in netlist.gates])
-    inputs, expected = [False] * len(flips.inputs), [True] * len(flips.checks)
-
-    def stop() -> None:
-        raise OutOfTime
-
-    with pytest.raises(OutOfTime):
-        find_incumbent(flips, inputs, expected, flips.one_by_one(inputs, expected), stop)

@@ -145,30 +145,6 @@ def test_a_fault_is_told_from_another_where_an_engine_finds_the_one_and_not_the_
 C1, C2, A, B, X = range(1, 6)  # of two components
 
 
-def test_the_cheapest_observable_may_be_one_that_a_hidden_input_rests_on() -> None:
-    # x by c1 from b, b by c2 from a, a by nothing: x says something of c1 once a or b (dear) is observed.
-    cnf = model(2, [(-C1, -B, X), (-C2, -A, B)], atoms=4, costs={Atom("ok", ("a2",)): 5.0})
-    found = isolability(cnf, [Atom("ok", ("a3",))])
-    first, _ = found.undetectable
-    assert first.further is not None
-    assert first.further.atoms == (Atom("ok", ("a1",)),)
-    assert found.detectable == (False, False)
-
-
-def test_faults_of_a_circle_are_told_apart_only_where_it_is_cut() -> None:
-    cnf = model(2, [(-C1, -A, B), (-C2, -B, A)], atoms=2)
-    assert isolability(cnf, [Atom("ok", ("a1",))]).detectable == (False, False)
-    assert isolability(cnf).matrix == ("=+", "+=")
-
-
-def test_a_double_fault_behind_another_cannot_be_seen() -> None:
-    # b rests on a: while a is not ok, b says nothing of c2.
-    compared = comparison(model(2, [(-C1, A), (-C2, -A, B)], atoms=2), [A, B], Deadline())
-    assert compared.shows((C1,))
-    assert compared.shows((C2,))
-    assert not compared.shows((C1, C2))
-
-
 def test_without_time_the_answer_says_what_it_does_not_know() -> None:
     found = isolability(model(2, [(-C1, A), (-C2, A)], atoms=2), timeout_s=0.0)
     assert not found.complete
@@ -179,12 +155,6 @@ def test_without_time_the_answer_says_what_it_does_not_know() -> None:
 def test_a_model_without_observers_is_refused() -> None:
     with pytest.raises(OptionRefused, match="name observables of the model"):
         isolability(model(2, [(-C1, A)], atoms=1), [Atom("ok", ("elsewhere",))])
-
-
-def test_a_model_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(analysis, "MOST_COMPONENTS", 1)
-    with pytest.raises(OptionRefused, match="check a part of it"):
-        isolability(model(2, [(-C1, A)], atoms=1))
 
 
 def test_double_faults_beyond_the_bound_are_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:

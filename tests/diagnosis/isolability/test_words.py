@@ -58,13 +58,6 @@ def test_the_whole_is_told_first_with_how_many_faults_there_are_to_tell() -> Non
     assert "1 observable at hand: of 5 single faults 1 can be detected, 1 of these told" in nothing
 
 
-def test_of_two_observables_the_cheaper_is_told() -> None:
-    text = CAMERA.replace("RULES", '"not ab(camera) -> ok(link)"').replace("RELATED", "")
-    system = load_text(text + "properties: {link: {cost: 0.5}}\n")
-    said = sentences(asked(system, "ok(image)", "running(camera_driver)"), system)
-    assert "camera cannot be told from camera_driver: watch link; 0.5 s" in said
-
-
 @pytest.mark.parametrize(
     ("name", "observed"),
     [
@@ -109,14 +102,6 @@ def test_a_trend_that_is_suggested_tells_a_node_from_its_rivals() -> None:
     rival = after.cnf.components.index("camera")
     assert found.matrix[index][rival] == "-"
     assert asked(after, "ok(image)", str(trend.watch)).matrix[index][rival] == "~"
-
-
-def test_the_order_of_the_values_keeps_no_trend_from_being_suggested() -> None:
-    pan, distance = ("  pan: {topic: image, field: pan}\n", "  range: {topic: scan, field: range}\n")
-    text = CAMERA.replace("RULES", "").replace("RELATED", "").replace(pan + distance, distance + pan)
-    system = load_text(text)
-    group = Ambiguity((("camera_driver",),), (), further=None)
-    assert "related: [[pan, range]]" in [one.add for one in suggestions(group, system)]
 
 
 @pytest.mark.parametrize(

@@ -58,11 +58,6 @@ def test_a_whole_domain_of_the_user_takes_the_place_of_ours() -> None:
     assert load_domain(shipped("paper-repair.pddl")).name == "paper-repair"
 
 
-def test_equal_texts_are_parsed_once() -> None:
-    text = extension(ACTION.format("(off ?h)"))
-    assert load_domain(text) is load_domain(text)
-
-
 REFUSED = {
     "one bracket too few": ("(define (domain robot-repair) (:action", 1, "never closed"),
     "one bracket too many": (extension("") + ")", 3, "more text after the last bracket"),
@@ -244,10 +239,3 @@ def test_a_damaged_domain_raises_nothing_but_domain_errors(at: int, length: int)
 def test_a_domain_can_be_written_and_read_again() -> None:
     text = shipped("repair.pddl")
     assert render(read(render(read(text)))) == render(read(text))
-
-
-def test_a_group_is_written_on_one_line_where_it_fits_with_its_indent() -> None:
-    text = "(define (domain d) (:action go :parameters (?a ?b - hardware) :effect (on ?a)))"
-    flat = "(:action go :parameters (?a ?b - hardware) :effect (on ?a))"
-    assert render(read(text), width=2 + len(flat)).splitlines()[2] == f"  {flat})"
-    assert render(read(text), width=1 + len(flat)).splitlines()[2] == "  (:action go"

@@ -12,7 +12,7 @@ from tests.store.examples import with_robots
 from robomend.errors import StateConflict
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.agent import AgentExecutor
-from robomend.store import Store, agent_actions, events, global_stop
+from robomend.store import Store, agent_actions, global_stop
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -67,16 +67,6 @@ async def test_an_agent_is_handed_only_what_it_can_do(store: Store, queue: Agent
     action = await queue.take("r1", "nuc", 5.0, agent="onboard", can={"start_node:driver"})
     assert action is not None
     assert action.taken_by == "onboard"
-    await queue.finish(action.id, OK, "started")
-    assert await result == ActionResult(OK, "started")
-
-
-async def test_an_agent_that_says_nothing_of_what_it_can_is_handed_anything(
-    store: Store, queue: AgentQueue
-) -> None:
-    result = sent(store, queue, 10.0)
-    action = await queue.take("r1", "nuc", 5.0, agent="old")
-    assert action is not None
     await queue.finish(action.id, OK, "started")
     assert await result == ActionResult(OK, "started")
 
@@ -146,47 +136,6 @@ async def test_cancelling_withdraws_what_nobody_has_begun(store: Store, queue: A
     await asyncio.wait({result})
     with pytest.raises(StateConflict):
         await queue.feedback("r-1:0", 0, "begun")
-
-
-async def test_feedback_reaches_who_sent_the_action_and_the_latest_is_never_left_out(
-    store: Store, queue: AgentQueue, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(queue._telling, "_period_s", 0.3)
-    heard: list[tuple[int, str]] = []
-    news = asyncio.Event()
-
-    def hear(code: int, message: str) -> None:
-        heard.append((code, message))
-        news.set()
-
-    executor = AgentExecutor(queue, "r1", {})
-    result = asyncio.create_task(executor.execute(Action("r-1:0", "start_node", ("driver",), 30.0), hear))
-    await queue.take("r1", "nuc", 5.0)
-    for percent in range(101):
-        await queue.feedback("r-1:0", percent, f"{percent} %")
-    async with asyncio.timeout(60):
-        while heard[-1:] != [(100, "100 %")]:
-            news.clear()
-            await news.wait()
-    await queue.finish("r-1:0", OK, "started")
-    assert (await result).ok
-    assert len(heard) < 50  # of a hundred
-    kept = await store.read(events.after, 0, limit=1000)
-    told = [event.data["feedback"]["code"] for event in kept if event.data.get("feedback")]
-    assert told == sorted(set(told))  # in order, none twice
-    assert len(told) < 50
-
-
-async def test_a_feedback_that_is_only_repeated_is_told_once(store: Store, queue: AgentQueue) -> None:
-    """Agents repeat it, to hear whether the action is withdrawn."""
-    result = sent(store, queue, 10.0)
-    await queue.take("r1", "nuc", 5.0)
-    for _ in range(20):
-        await queue.feedback("r-1:0", 1, "process 4711")
-    await queue.finish("r-1:0", OK, "started")
-    await result
-    kept = await store.read(events.after, 0, limit=1000)
-    assert len([event for event in kept if event.data.get("feedback")]) == 1
 
 
 async def test_nothing_is_handed_out_while_the_global_stop_is_active(store: Store, queue: AgentQueue) -> None:

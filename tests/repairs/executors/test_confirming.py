@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -13,13 +12,12 @@ from tests.store.examples import with_robots
 
 from robomend import webhooks
 from robomend.errors import Fenced
-from robomend.repairs import agent_queue
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.repairs.executors.board import BoardExecutor
 from robomend.repairs.executors.process import ProcessExecutor
 from robomend.repairs.executors.webhook import WebhookExecutor
-from robomend.store import Store, agent_actions, global_stop
+from robomend.store import Store, agent_actions
 from robomend.store.records import Fence
 from robomend.webhooks import Webhook
 from robomend_client.actions import Action
@@ -81,29 +79,3 @@ async def test_nothing_is_queued_for_an_agent(store: Store) -> None:
     with pytest.raises(Fenced):
         await executor.execute(Action("r-1:0", "start_node", ("driver",), 30.0), quiet)
     assert await store.read(agent_actions.waiting, "r1") == ()
-
-
-@pytest.mark.parametrize("meanwhile", ["nothing", "withdrawn", "stopped"])
-async def test_who_slept_while_an_action_was_handed_out_looks_again(
-    store: Store, monkeypatch: pytest.MonkeyPatch, meanwhile: str
-) -> None:
-    queue = AgentQueue(store)
-    await queue.put("r1", None, Action("r-1:0", "start_node", ("driver",), 30.0))
-    slept = asyncio.Event()
-    write, clock = store.write, [0.0]
-
-    async def asleep(change: Callable[..., object], **options: object) -> object:
-        done = await write(change, **options)  # type: ignore[arg-type]  # whatever it is called with
-        clock[0] += 60.0
-        if meanwhile == "withdrawn":
-            await write(lambda tx: agent_actions.withdraw(tx, "r-1:0", 3, "taken over"))
-        elif meanwhile == "stopped":
-            await write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
-        slept.set()
-        return done
-
-    monkeypatch.setattr(agent_queue, "boot_s", lambda: clock[0])
-    monkeypatch.setattr(store, "write", asleep)
-    taken = await queue.take("r1", None, 0.0)
-    assert slept.is_set()
-    assert (taken is not None) == (meanwhile == "nothing")

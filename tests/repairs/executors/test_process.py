@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from robomend.repairs.executors import process
 from robomend.repairs.executors.process import ProcessExecutor
 from robomend_client.actions import NO_PROGRAM, NOT_EXECUTABLE, OK, REFUSED, TIMED_OUT, Action
 
@@ -66,37 +61,6 @@ async def test_a_missing_program_is_told_as_a_shell_tells_it(tmp_path: Path) -> 
     assert "/nonexistent/program" in done.message
     done = await ProcessExecutor({"reset": [str(tmp_path)]}).execute(action("reset"), no_feedback)
     assert done.code == NOT_EXECUTABLE
-
-
-class Owned(io.FileIO):
-    """A program's output, which has to be open still when it is closed."""
-
-    closed_by_others = False
-
-    def close(self) -> None:
-        if not self.closed:
-            try:
-                os.fstat(self.fileno())
-            except OSError:
-                Owned.closed_by_others = True
-        super().close()
-
-
-async def test_the_output_of_a_program_is_closed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    # In between, another thread may have been given its number: a worker's socket was closed so.
-    class Popen(subprocess.Popen[bytes]):
-        def __init__(self, *words: Any, **options: Any) -> None:
-            super().__init__(*words, **options)
-            assert self.stdout is not None
-            with self.stdout:
-                self.stdout = Owned(os.dup(self.stdout.fileno()))
-
-    monkeypatch.setattr(Owned, "closed_by_others", False)
-    monkeypatch.setattr(process, "subprocess", SimpleNamespace(**{**vars(subprocess), "Popen": Popen}))
-    done = await ProcessExecutor({"say": ["echo", "hello"]}).execute(action("say"), no_feedback)
-    assert done.message == "hello"
-    await asyncio.sleep(0)  # a transport closes its file one turn later
-    assert not Owned.closed_by_others
 
 
 async def test_a_time_out_ends_the_program_and_its_children(tmp_path: Path) -> None:

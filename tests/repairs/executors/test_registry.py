@@ -61,10 +61,6 @@ def test_power_goes_to_the_board_and_the_rest_to_the_agent() -> None:
     assert kinds({}) == {**power, **dict.fromkeys(("start_node", "stop_node", "reset_usb"), AgentExecutor)}
 
 
-def test_without_a_board_nobody_switches_power() -> None:
-    assert set(kinds({}, replace(AROUND, board=None))) == {"start_node", "stop_node", "reset_usb"}
-
-
 def test_a_board_carries_out_nothing_but_power() -> None:
     assert "reset_usb" not in kinds(by("board"))
 
@@ -111,12 +107,6 @@ def test_a_private_address_is_called_where_the_settings_name_its_host(hosts: tup
     check(by("webhook", url="http://10.0.0.1:8080/", secret="s"), around)
     with pytest.raises(InputError, match="private"):
         check(by("webhook", url="http://10.0.0.2:8080/", secret="s"), around)
-
-
-def test_another_port_of_a_named_host_is_not_opened() -> None:
-    around = replace(AROUND, webhook_hosts=("10.0.0.1:8080",))
-    with pytest.raises(InputError, match="private"):
-        check(by("webhook", url="http://10.0.0.1/", secret="s"), around)
 
 
 def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
