@@ -13,8 +13,7 @@ from robomend.board.codec import (
     Specification,
     encode,
 )
-from robomend.board.link import BoardLink
-from robomend.board.snapshot import Snapshot
+from robomend.board.link import BoardLink, Snapshot
 from robomend_board.board import Board
 from robomend_board.faults import parse_fault
 from robomend_board.loads import default_rig

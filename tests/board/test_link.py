@@ -18,8 +18,7 @@ from tests.board.linking import (
     until,
 )
 
-from robomend.board.link import BoardLink, LinkState
-from robomend.board.snapshot import Snapshot
+from robomend.board.link import BoardLink, LinkState, Snapshot
 from robomend.errors import BoardRefused, BoardTimeout, BoardUnreachable
 
 pytestmark = pytest.mark.anyio

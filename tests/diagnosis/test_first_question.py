@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robomend.diagnosis import reasons, sat
+from robomend.diagnosis import conflicts, sat
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.sat import SatEngine
@@ -92,7 +92,7 @@ def test_a_part_of_the_work_ends_by_the_thread_s_own_time_or_the_deadline() -> N
 
 
 def test_conflicts_for_which_no_time_is_left_are_said_to_be_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reasons, "WATCHED_S", 1e6)
+    monkeypatch.setattr(conflicts, "WATCHED_S", 1e6)
     engine = SatEngine(CNF)
     hurried = engine.diagnose(SEEN[0], Options(minimal="cardinality", timeout_s=1_000.0))
     assert hurried.complete

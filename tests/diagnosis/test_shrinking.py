@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.diagnosis.oracle import Deadline, Oracle
-from robomend.diagnosis.shrinking import shrunk
-from robomend.diagnosis.witnesses import Witnesses
+from robomend.diagnosis.shrinking import Witnesses, shrunk
 
 MANY = list(range(1, 1_001))
 CHAIN = 200

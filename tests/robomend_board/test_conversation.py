@@ -18,8 +18,8 @@ from robomend.board.codec import (
 from robomend.board.session import Answered, Command, Session, State
 from robomend.errors import RemoteProtocolError
 from robomend_board.board import Board
-from robomend_board.conversation import Conversation
 from robomend_board.loads import default_rig
+from robomend_board.server import Conversation
 
 
 def replies(conversation: Conversation, data: bytes, now_s: float = 0.0) -> list[Message]:

@@ -20,7 +20,7 @@ from robomend.api.store_probe import LoopWatch, StoreProbe
 from robomend.api.streams import Hub
 from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
-from robomend.drills.parts import DrillParts
+from robomend.drills.one_drill import DrillParts
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier

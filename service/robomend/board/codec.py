@@ -15,7 +15,7 @@ is:
   one channel must not cost the states of the other nine, nor the power to switch them.
 
 Adding a message: write its dataclass, add it to MESSAGES, add a golden frame to tests/board/test_codec.py,
-and give it its rows in robomend.board.session and robomend_board.conversation. The emulator uses this
+and give it its rows in robomend.board.session and robomend_board.server. The emulator uses this
 module too, so the golden frames are the only independent witness of the layout: take them from the board's
 manual or a capture, never from this encoder.
 """

@@ -26,18 +26,38 @@ import os
 import random
 import time
 from collections.abc import AsyncGenerator, Callable, Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 from types import TracebackType
 
-from robomend.board.codec import Broadcast, Code, Measurements, Request, Specification, SwitchChannel
+from robomend.board.codec import (
+    Broadcast,
+    ChannelReading,
+    Code,
+    Measurements,
+    Request,
+    Specification,
+    SwitchChannel,
+)
 from robomend.board.session import Answered, Command, Session
-from robomend.board.snapshot import Snapshot
 from robomend.errors import (
     BoardError,
     BoardRefused,
     BoardTimeout,
     BoardUnreachable,
 )
+
+# --- what is known of the board at one moment; when nothing is, why.
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Every channel's reading at a time, or None: unknown, which is neither on nor off."""
+
+    time_ns: int  # integer nanoseconds since the epoch, this computer's clock on receipt
+    channels: tuple[ChannelReading, ...] | None
+    reason: str = ""  # why it is unknown
+
 
 logger = logging.getLogger(__name__)
 

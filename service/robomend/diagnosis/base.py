@@ -15,7 +15,7 @@ from math import log, log1p
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from robomend.diagnosis.conflicts import Conflicts
+from robomend.diagnosis.conflicts import Conflicts, Reasons
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.explanations import Cleared
@@ -31,7 +31,6 @@ from robomend.diagnosis.observed import (
 )
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.ranking import rank
-from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.diagnosis.search import (
     MAX_DIAGNOSES,

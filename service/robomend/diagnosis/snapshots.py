@@ -27,14 +27,13 @@ from dataclasses import replace
 from functools import cached_property
 from time import perf_counter, thread_time
 
-from robomend.diagnosis.conflicts import Conflicts, Known
+from robomend.diagnosis.conflicts import Conflicts, Known, Reasons
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.justification import JUSTIFIED, MAX_CONFLICTS
 from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
-from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.diagnosis.search import MAX_DIAGNOSES
 from robomend.errors import ContradictoryModel, OptionRefused

@@ -2,8 +2,7 @@
 
 states.py      what a drill goes through
 permission.py  whether a fault may be planted now
-hands.py       who plants and undoes it: the node's agent, the power board, a person
-emulator.py    … and the control port of an emulated board
+hands.py       who plants and undoes it: the node's agent, the power board or its emulator, a person
 watching.py    what becomes of it: what showed, what was diagnosed, what repaired it
 record.py      what is written of it, each in one transaction with its event and audit entry
 one_drill.py   one drill, from its beginning or from where a crash left it

@@ -13,8 +13,7 @@ from typing import Any
 
 import structlog
 
-from robomend.drills.one_drill import OneDrill
-from robomend.drills.parts import DrillParts
+from robomend.drills.one_drill import DrillParts, OneDrill
 from robomend.drills.permission import check, fault_of
 from robomend.drills.record import drill_json, new_drill
 from robomend.drills.states import DrillState

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import asyncio
 import time
+from dataclasses import dataclass
 from functools import partial
 
 import structlog
 
-from robomend.drills.emulator import EmulatorsHand
-from robomend.drills.hands import AgentsHand, BoardsHand, Hand, PersonsHand
-from robomend.drills.parts import DrillParts
+from robomend.drills.hands import AgentsHand, BoardsHand, EmulatorsHand, Hand, PersonsHand
 from robomend.drills.permission import check, fault_of
 from robomend.drills.record import DrillRecord
 from robomend.drills.states import DrillState, DrillTrigger
@@ -34,13 +33,37 @@ from robomend.drills.watching import (
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
 from robomend.planning.faults import AGENTS_FAULTS, EMULATED, FaultKind, drivers_of, taken_by
 from robomend.poller import wait_for
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.repair_json import repair_json
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState
+from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
-from robomend.store import Transaction, repairs
-from robomend.store.records import DrillRequest, Fence, StoredDrill
+from robomend.robots.robots import Robots
+from robomend.settings import Settings
+from robomend.store import Store, Transaction, repairs
+from robomend.store.records import AuditEntry, DrillRequest, Fence, StoredDrill, StoredRepair
 from robomend_client.actions import REFUSED, UNDONE_BEFORE, UNREACHABLE, Action
+from robomend_client.events import Kind
+
+
+@dataclass(frozen=True)
+class DrillParts:
+    """What the drills of all robots share."""
+
+    store: Store
+    robots: Robots
+    agents: AgentQueue
+    switch: StopSwitch
+    settings: Settings
+
+    def tell_cancelled(self, tx: Transaction, repair: StoredRepair, why: str) -> None:
+        """Tell the repair's owner, and the audit log, that it is asked to end."""
+        asked = {**repair_json(repair), "asked": "cancel", "asked_by": "robomend"}
+        tx.emit(Kind.REPAIR, repair.robot, asked)
+        tx.note(AuditEntry("robomend", "repair.cancel", repair.id, repair.robot, why))
+
 
 log = structlog.get_logger("robomend.drills.one_drill")
 

@@ -13,8 +13,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
-from robomend.board.link import BoardLink, LinkState
-from robomend.board.snapshot import Snapshot
+from robomend.board.link import BoardLink, LinkState, Snapshot
 from robomend.entry import Entry
 from robomend.errors import NotFound, Refused, RobomendError
 from robomend.metrics import Metrics

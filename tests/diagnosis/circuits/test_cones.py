@@ -17,9 +17,8 @@ from tests.diagnosis.netlists import (
 from tests.examples import examples
 
 from robomend.diagnosis.circuits import toplevel
-from robomend.diagnosis.circuits.cones import find_cones
 from robomend.diagnosis.circuits.flips import Flips
-from robomend.diagnosis.circuits.netlist import recover
+from robomend.diagnosis.circuits.netlist import find_cones, recover
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import HealthCnf

@@ -6,8 +6,7 @@ from hypothesis import given
 from pysat.solvers import Solver
 from tests.diagnosis.netlists import Circuit, observed_circuits
 
-from robomend.diagnosis.circuits.cones import find_cones
-from robomend.diagnosis.circuits.netlist import recover
+from robomend.diagnosis.circuits.netlist import find_cones, recover
 from robomend.diagnosis.circuits.traces import Traces
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.observed import ObservationReader

@@ -25,9 +25,8 @@ from operator import or_
 
 from pysat.solvers import Cadical153
 
-from robomend.diagnosis.circuits.cones import by_output, few_behind, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
-from robomend.diagnosis.circuits.netlist import Netlist
+from robomend.diagnosis.circuits.netlist import Netlist, by_output, few_behind, find_cones
 from robomend.diagnosis.circuits.traces import Traces
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.masks import bits

@@ -12,8 +12,8 @@ So a pair is judged by what the engine would say of the observations that the fa
 isolability.md argues for it, and names the field's words. Reading order:
 
     definite.py     signatures: exact and fast where rules are definite and each atom has one
-    search.py       exact for all other models: ∃ observation, ∀ hidden values; by counterexamples
-    comparing.py    the two behind one face
+    comparing.py    a search, exact for all other models (∃ observation, ∀ hidden values; by
+                    counterexamples), and the two behind one face
     analysis.py     all faults against all; groups; what is asked and answered
     words.py        the answer in sentences, and what a rule could add
 """
