@@ -56,7 +56,7 @@ def stopped_after(
 @pytest.mark.parametrize("structure", [False, True])
 def test_bounds_hold_and_meet_in_the_end(structure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     best = unproved = 0
-    for seed in range(6):
+    for seed in range(3):
         engine = make_engine("sat", MADE.cnf)
         seen = MADE.observe(12, seed)
         size = len(engine.diagnose(seen, FIRST).diagnoses[0].bad)

@@ -125,19 +125,3 @@ def test_when_there_is_no_time_for_conflicts_they_are_said_to_be_missing() -> No
     assert result.diagnoses
     assert not result.conflicts_complete
     engine.close()
-
-
-def test_a_robots_conflicts_are_told_even_when_the_time_is_up() -> None:
-    robot = make_robot(30, 2)
-    seen = observe(robot, 3, random.Random(2))
-    engine: Any = make_engine("sat", robot.cnf)
-    expected = engine.diagnose(seen)
-    told = engine._answer
-
-    def too_late(*arguments: Any) -> Any:
-        engine.interrupt()
-        return told(*arguments)
-
-    engine._answer = too_late
-    assert engine.diagnose(seen).conflicts == expected.conflicts
-    engine.close()

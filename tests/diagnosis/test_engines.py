@@ -10,7 +10,7 @@ from math import log, prod
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
+from tests.diagnosis.netlists import circuit
 from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
 from robomend.diagnosis.engines import ENGINES, make_engine
@@ -150,16 +150,6 @@ def _contradictory(cnf: HealthCnf, components: tuple[str, ...], observations: tu
     rigid = model(len(cnf.components), [*cnf.clauses, *healthy])
     numbers = [(number,) for number in map(cnf.literal, observations) if number is not None]
     return not satisfiable([*rigid.clauses, *numbers], cnf.variables)
-
-
-@engines
-@settings(max_examples=25, deadline=None)
-@given(observed_circuits())
-def test_all_agree_on_circuits(name: str, system: tuple[Circuit, frozenset[Literal]]) -> None:
-    made, observations = system
-    expected = fresh_solver_diagnoses(made.cnf, observations)
-    result = make_engine(name, made.cnf).diagnose(observations, ALL)
-    assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
 
 
 @pytest.mark.parametrize(

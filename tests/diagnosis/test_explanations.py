@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.explanations import (
     clear_suspects,
     explain_conflict,
@@ -103,13 +102,6 @@ def test_power_running_trends_and_pairs_read_naturally() -> None:
     )
 
 
-def test_a_predicate_of_a_users_rule_holds_or_does_not() -> None:
-    text = explain_conflict(LASER, ["router"], [fails("link", "a", "b")], ["not ab(router) -> link(a,b)"])
-    assert text == (
-        "link(a,b) should hold because router is taken to be healthy, but it was seen not to hold"
-    )
-
-
 def test_the_head_of_a_horn_clause_is_the_news_where_the_text_has_no_arrow() -> None:
     five_key = HealthCnf(
         name="five",
@@ -168,23 +160,6 @@ def test_a_diagnosis_resolves_the_conflicts_that_it_hits() -> None:
     ]
     (healthy,) = explain_diagnoses([Diagnosis(())], [])
     assert healthy.startswith("nothing is wrong")
-
-
-def test_a_component_explains_what_was_not_expected_and_nothing_else() -> None:
-    rule = "not ab(b) and ok(ta) -> ok(tb)"
-    cnf = HealthCnf(
-        "two",
-        ("b",),
-        (Atom("ok", ("ta",)), Atom("ok", ("tb",))),
-        ((-1, -2, 3),),
-        (0,),
-        (Rule(rule, "scheme 4"),),
-        3,
-    )
-    seen = [holds("ok", "ta"), fails("ok", "tb")]
-    result = make_engine("sat", cnf).diagnose(seen)
-    assert [conflict.unmet for conflict in result.conflicts] == [fails("ok", "tb")]
-    assert explain_diagnoses(result.diagnoses, result.conflicts) == ["b explains not ok(tb)"]
 
 
 def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:

@@ -148,18 +148,6 @@ def test_each_state_of_a_drill_is_an_event_and_an_entry_of_the_audit_log(robot: 
     assert [one["action"] for one in reversed(audited)] == wanted
 
 
-def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:
-    configured(robot, limits={"attempts_per_hour": 1, "rounds": 5})
-    try:
-        with robot.client as client:
-            for _ in range(2):  # one attempt an hour, and two drills
-                ended = robot.ended(robot.start_drill("node-killed", "mapping")["id"])
-                assert ended["seen"]["repair_state"] == "repaired", ended
-            assert client.quarantine("r1") == {}
-    finally:
-        configured(robot, limits={"attempts_per_hour": 12, "rounds": 5})
-
-
 def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: DrilledRobot) -> None:
     configured(robot, policy="approve")  # so that nobody repairs it at once
     try:
@@ -181,21 +169,6 @@ def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: Dr
             assert robot.halted() == []
             with pytest.raises(ApiError, match="nothing to cancel"):
                 client.decide_drill(drill["id"], "cancel")
-    finally:
-        configured(robot, policy="auto")
-
-
-def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: DrilledRobot) -> None:
-    configured(robot, policy="approve")
-    try:
-        with robot.client as client:
-            drill = robot.start_drill("node-killed", "mapping", bound_s=2.0)
-            ended = robot.ended(drill["id"])
-            assert (ended["state"], ended["undone"]) == ("done", True)
-            assert ended["seen"]["diagnoses"] == [["mapping"]]
-            assert ended["seen"]["repaired_s"] is None
-            [repair] = client.repairs("r1", limit=1)["items"]
-            assert (repair["drill"], repair["state"]) == (drill["id"], "cancelled")
     finally:
         configured(robot, policy="auto")
 

@@ -168,16 +168,6 @@ def _files(folder: Path) -> dict[str, str]:
     return {name: str(folder / name) for name in files}
 
 
-def test_a_launch_file_alone_gives_a_model_and_questions(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["model", "from-ros", "--launch", _files(tmp_path)["launch"], "--name", "rover"]) == 0
-    text = capsys.readouterr().out
-    assert load_text(text).cnf.components == ("camera", "laser", "mapper")
-    assert "mapper: {}    # gmapping/slam_gmapping, map is /global/map; what does it publish" in text
-    assert "camera: {}    # camera/camera; it may not be started" in text
-
-
 def test_sources_are_put_on_top_of_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = _files(tmp_path)
     given = [part for name in files for part in (f"--{name}", files[name])]

@@ -105,22 +105,6 @@ def test_the_robots_configuration_says_who_is_believed(
     assert names(obs, 8.1) == [(["a"], ["b"], who)]  # it is a finding all the same
 
 
-def test_one_that_is_later_contradicts_nobody() -> None:
-    """a needs longer than b to see that the topic is silent, and that it is back."""
-    obs = after(said("a", True, 9.8, 9.0, 0), said("b", True, 9.9, 9.4, 0))
-    obs.update([said("b", False, 10.5, 10.0, 9.98)])
-    assert known(obs, 10.5) is False
-    obs.update([said("a", True, 11.8, 9.1, 0)])  # its heartbeat, by samples from before
-    assert known(obs, 11.8) is False
-    obs.update([said("a", False, 12.5, 10.0, 9.98)])
-    obs.update([said("a", True, 20.6, 20.0)])
-    assert known(obs, 20.6) is True
-    obs.update([said("b", False, 21.0, 19.9, 9.98)])
-    assert known(obs, 21.0) is True
-    assert obs.update([said("b", True, 21.5, 20.0)]) == ()
-    assert names(obs, 21.5) == []
-
-
 def test_a_person_overrides_an_agent_until_that_speaks_again() -> None:
     obs = after(said("a", True, 1, 0.5, 0), said("person", False, 2, lifetime_s=None))
     assert known(obs, 2) is False
@@ -137,18 +121,6 @@ def test_what_was_said_once_counts_until_another_speaks_whatever_its_lifetime_an
     assert names(obs, 10) == []
     obs.update([said("person", False, 11, 10.9, 6.5, lifetime_s=3600)])  # who insists, contradicts it
     assert names(obs, 11) == [(["a"], ["person"], None)]
-
-
-def test_sources_without_lifetimes_contradict_each_other_while_they_repeat_themselves() -> None:
-    reports = []
-    for at in range(1, 6):
-        reports += [said("a", True, at, at - 0.1, 0, None), said("b", False, at + 0.5, at + 0.4, 1, None)]
-    obs = after(*reports)
-    assert known(obs, 6) is None
-    assert names(obs, 6) == [(["a"], ["b"], None)]
-    assert names(obs, 60) == []
-    obs.update([said("b", False, 30, 29.9, 1, None)])  # nobody has heard a for a long time
-    assert known(obs, 30) is False
 
 
 def test_an_opposite_word_that_may_be_late_is_doubt() -> None:

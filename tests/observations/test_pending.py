@@ -158,17 +158,3 @@ def test_who_repeats_itself_is_silent_when_it_was_not_heard_since() -> None:
     heard.hear("agent", 9 * S, again=True, lives_ns=2 * S)
     assert heard.interruption("agent") == (4 * S, 9 * S)
     assert heard.usual_ns("agent") == S  # to be cut off once is no rhythm
-
-
-def test_who_speaks_on_change_only_is_never_silent_and_nobody_is_before_its_rhythm_is_known() -> None:
-    heard = LastHeard()
-    for n in range(20):
-        heard.hear("on change", n * S, again=False, lives_ns=0)
-        heard.hear("repeats", n * S, again=True, lives_ns=0)
-    heard.hear("young", 19 * S, again=True, lives_ns=2 * S)
-    heard.hear("new", 19 * S, again=True, lives_ns=0)
-    assert not heard.silent_since("on change", 1000 * S)
-    assert heard.usual_ns("young") == 2 * S  # by its own word
-    assert not heard.silent_since("new", 1000 * S)
-    assert not heard.silent_since("nobody", 1000 * S)
-    assert heard.silent_since("repeats", 1000 * S)

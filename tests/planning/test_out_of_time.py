@@ -37,7 +37,7 @@ TROUBLES: list[Trouble] = [
 
 
 @pytest.mark.parametrize("trouble", TROUBLES)
-@pytest.mark.parametrize("questions", range(8))
+@pytest.mark.parametrize("questions", [0, 1, 3, 7])
 def test_a_planner_that_gives_up_anywhere_proves_nothing(
     trouble: Trouble, questions: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,7 +65,7 @@ def test_at_every_time_limit_the_answer_is_the_true_one_or_that_the_time_was_up(
     robot, bad, domain = trouble
     options = PlanOptions(planner="asp", timeout_s=None, domain=domain)
     true = plan_for(robot, [], bad, options)
-    for exponent in range(-16, 4):
+    for exponent in range(-16, 4, 3):
         forget()
         found = plan_for(robot, [], bad, replace(options, timeout_s=2.0**exponent))
         assert found.outcome in (true.outcome, Outcome.GAVE_UP)
@@ -79,7 +79,7 @@ def test_at_every_bound_of_work_the_answer_is_the_true_one_or_none(trouble: Trou
     options = PlanOptions(planner="asp", timeout_s=None, domain=domain)
     true = plan_for(robot, [], bad, options)
     answers: set[str | None] = set()
-    for most in (*range(0, 500, 7), 2_000, 20_000):
+    for most in (*range(0, 500, 19), 2_000, 20_000):
         forget()
         try:
             found = plan_for(robot, [], bad, options, Work(most))

@@ -47,14 +47,6 @@ def lines_of(*rounds: dict[str, Any]) -> list[str]:
     return account({**REPAIR, "rounds": list(rounds)})
 
 
-def test_an_act_that_answered_with_a_failure_and_worked_all_the_same_is_told_as_that() -> None:
-    step = {**STEP, "state": "done", "result": 1, "message": "address in use", "seen": ["running(driver)"]}
-    told = "\n".join(lines_of({**ROUND, "plan": [step]}))
-    assert "done (although its action answered 1: address in use); seen: running(driver)" in told
-    told = "\n".join(lines_of({**ROUND, "plan": [{**step, "result": 0, "message": "runs"}]}))
-    assert "done (runs); seen" in told
-
-
 def test_what_was_so_before_is_told_with_the_evidence_from_after_the_acts() -> None:
     def seen(literal: str, since_ns: int, onset_ns: int | None) -> str:
         after = [{"literal": literal, "since_ns": since_ns, "onset_ns": onset_ns}]
@@ -166,17 +158,3 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text
     assert f" repaired: {repair['reason']}" in told[-1]
-
-
-def test_a_step_that_was_sent_again_says_how_often_and_one_that_never_was_is_not_waiting_for_ever() -> None:
-    step = {"text": "start_node(driver)", "id": "r-1:0.2", "state": "failed", "sent_ns": 10**9, "cost": 3.0}
-    later = {"text": "start_node(map)", "id": None, "state": "waiting", "sent_ns": None, "cost": 3.0}
-    ended = {**ROUND, "plan": [step, later], "ending": "action-failed"}
-
-    def told(**changes: object) -> list[str]:
-        return [line.strip() for line in lines_of({**ended, **changes})]
-
-    assert "start_node(driver): sent 3 times, the last 00:00:01.000, failed" in told()
-    assert "start_node(driver): sent 00:00:01.000, failed" in told(plan=[{**step, "id": "r-1:0"}])
-    assert "start_node(map): not begun" in told()
-    assert "start_node(map): waiting" in told(ending=None)

@@ -29,20 +29,6 @@ async def test_a_failed_action_is_tried_again_under_a_new_id() -> None:
     assert "intend r-1:1.1 stop_node(driver)" in robot.journal
 
 
-async def test_an_action_without_an_answer_counts_as_done_when_its_effect_shows() -> None:
-    robot = Robot()
-
-    async def acts_but_never_answers(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name == "power_up":
-            await robot.do(action)
-            return ActionResult(TIMED_OUT, "the acknowledge was lost")
-        return None
-
-    robot.behave = acts_but_never_answers
-    assert (await run(robot)).ending is Ending.DONE
-    assert robot.sent.count("power_up(lidar)") == 1
-
-
 async def test_an_effect_that_shows_after_a_failure_ends_the_attempts() -> None:
     robot = Robot()
     asked: list[str] = []

@@ -36,29 +36,6 @@ async def test_each_action_is_journaled_sent_and_its_effect_seen() -> None:
     assert done.effect_seen
 
 
-async def test_what_an_action_takes_away_may_be_gone_before_it_answers() -> None:
-    robot = Robot()
-
-    async def slow_to_answer(robot: Robot, action: Action) -> ActionResult | None:
-        if action.name != "stop_node":
-            return None
-        await robot.do(action)
-        await asyncio.sleep(0.2)  # not running(driver), for longer than hold_s
-        return ActionResult(OK)
-
-    robot.behave = slow_to_answer
-    assert (await run(robot)).ending is Ending.DONE
-
-
-async def test_where_power_is_back_without_us_the_rest_of_the_plan_is_not_for_what_is_there() -> None:
-    robot = Robot()
-    robot.see(ON, True)
-    done = await run(robot)
-    assert done.ending is Ending.MISMATCH
-    assert robot.sent == []
-    assert "on already, and not by this plan" in done.reason
-
-
 async def test_what_a_step_is_about_to_change_may_have_changed_since_it_was_planned() -> None:
     robot = Robot()
     robot.see(RUNNING, False)  # what was to be stopped has ended

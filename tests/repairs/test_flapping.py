@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, cast
@@ -37,25 +36,6 @@ def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() ->
     assert found.wait_s(LIDAR | MAP, TIMES, 0.0) == 0.0  # mapping alone may be it
     assert found.wait_s(LIDAR, TIMES + HELD_S, 0.0) == 0.0
     assert found.well_by_itself(LIDAR, TIMES + HELD_S) is None  # counted anew
-
-
-def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_well_for_a_moment() -> None:
-    def state(*bad: tuple[str, ...]) -> Any:
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
-        config, parts = SimpleNamespace(policy="auto"), object()
-        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
-        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
-
-    def waits(*bad: tuple[str, ...]) -> bool:
-        return found.wait_s(cast(Any, state(*bad)), Policy(), Stop()) > 0.0
-
-    found = ReasonsToRepair()
-    found.gave_up(LIDAR, time.time_ns() + 3600 * 10**9, interlocked=False, untouched=True, unlasting=True)
-    assert waits()
-    assert waits(*LIDAR)
-    assert not waits(*MAP)
-    found.reconsider()
-    assert not waits(*LIDAR)
 
 
 def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_told_for_ever() -> None:

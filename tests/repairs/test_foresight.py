@@ -103,18 +103,6 @@ async def test_actions_that_nobody_carries_out_are_named(tmp_path: Path) -> None
         assert not [one for one in await runtime.repairs.findings("r1") if "no agent" in one]
 
 
-async def test_a_computer_whose_agent_does_not_ask_is_named(tmp_path: Path) -> None:
-    model = MODEL.replace("mapping: {", "mapping: {host: nav_pc, ")
-    async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
-        await runtime.repairs.orders("r1", host="arm_pc", wait_s=0.0)
-        [said] = [one for one in await runtime.repairs.findings("r1") if "agent" in one]
-        assert "no agent on host 'nav_pc', where the model has nodes, has asked for work" in said
-        await runtime.repairs.orders("r1", host="nav_pc", wait_s=0.0)
-        assert not [one for one in await runtime.repairs.findings("r1") if "agent" in one]
-
-
 async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
         await put(runtime, observed=["ok(odom)", "running(mapping)"])
@@ -132,17 +120,6 @@ async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp
             await robot.settled()
             said = list(await runtime.repairs.findings("r1"))
         assert not [one for one in said if "report" in one]
-
-
-async def test_what_a_new_model_or_new_settings_have_lost_is_named(tmp_path: Path) -> None:
-    program = {"executor": {"kind": "process", "options": {"program": "start"}}}
-    async with service(tmp_path) as runtime:
-        await put(runtime, observed=["ok(map)"], actions={**CONFIG["actions"], "start_node": program})
-        gone = MODEL.replace("  mapping: {publishes: {map: [scan]}}\n", "")
-        await runtime.robots.models.put("small", gone, format=None, expected="*", by="test")
-        found = list(await runtime.repairs.findings("r1"))
-    assert [one for one in found if one.startswith("'ok(map)', position 0: no topic or property")], found
-    assert [one for one in found if "the service's settings name no program 'start'" in one]
 
 
 async def test_nodes_that_no_agent_restarts_are_named_once_all_agents_were_heard(

@@ -146,12 +146,6 @@ def test_what_happens_next_or_who_is_needed(of: Any, then: str) -> None:
     assert said(blamed=[(("hokuyo",), 1.0)], symptoms=NO_POWER, repair=of)[1] == then
 
 
-def test_only_a_plan_or_a_question_is_to_be_approved() -> None:
-    for state in RepairState:
-        found = headline(Facts(ILL, repair=repair(state, step("power_up", "a"))))
-        assert (found.approve is not None) == (state is RepairState.AWAITING_APPROVAL), state
-
-
 def test_healthy_unknown_and_never_reported() -> None:
     healthy = HealthState.HEALTHY
     assert said(health=healthy, since_ns=AT) == ("Healthy since 23:23:04.", "Nothing is to be done.")

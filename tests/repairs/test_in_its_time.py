@@ -23,7 +23,6 @@ from robomend.errors import Overloaded
 from robomend.repairs import reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.looking import DENIED
-from robomend.robots.batches import Batch
 from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
@@ -196,21 +195,6 @@ async def test_a_repair_that_broke_is_begun_again_and_named_so_with_a_back_off(
     assert (second["state"], second["again"]["times"]) == ("repaired", 2)
 
 
-async def test_who_was_silent_and_is_heard_again_lets_a_repair_begin(tmp_path: Path) -> None:
-    observed = [*CONFIG["observed"], "on(imu)"]
-    async with service(tmp_path) as runtime:
-        await put_model(runtime, "lidar: {channel: 3}", "lidar: {channel: 3}\n  imu: {channel: 4}")
-        async with robot_on(runtime, observed=observed, observed_timeout_s=0.3) as robot:
-            await robot.settled()
-            robot.running["mapping"] = False
-            blind = await the_repair(runtime)
-            await runtime.robots.observe("r1", Batch(["on(imu)"], source="another"))
-            repair = await next_repair(runtime, blind["id"])
-    assert (blind["state"], blind["rounds"]) == ("escalated", [])
-    assert "nobody reported on(imu)" in blind["reason"]
-    assert (repair["state"], robot.done) == ("repaired", ["start_node(mapping)"])
-
-
 async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,27 +232,6 @@ async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew
     assert "no agent offers it" in dropped["reason"]
     assert (nobody["state"], nobody["rounds"]) == ("escalated", [])
     assert [step["text"] for step in second["plan"]] == ["start_node(mapping)"]
-
-
-async def test_an_act_whose_effect_is_seen_needs_no_answer_and_asks_nobody(tmp_path: Path) -> None:
-    """It must not be done twice, and takes longer than its time-out: then OBS says how it went."""
-    config = with_recalibrate(timeout_s=0.3)
-    config["actions"]["recalibrate"]["effect_timeout_s"] = 20.0
-
-    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
-        if name == "recalibrate":
-            await asyncio.sleep(2.0)  # it takes its time
-            robot.broken_topics.clear()
-        return 0
-
-    async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
-        robot.spoil = slow
-        await robot.settled()
-        robot.broken_topics.add("map")
-        repair = await the_repair(runtime)
-    assert (repair["state"], robot.done) == ("repaired", ["recalibrate(mapping)"])
-    [step] = repair["rounds"][0]["plan"]
-    assert (step["state"], step["result"]) == ("done", 0)
 
 
 @pytest.mark.parametrize(

@@ -195,30 +195,6 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
     assert aside["mapping"].reason == "mapping: 3 repairs in a row helped, and soon it came back"
 
 
-async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_path: Path) -> None:
-    flips = 1
-
-    async def flipping(robot: Robot, name: str, parameter: str) -> int | None:
-        nonlocal flips
-        if name == "stop_node" and flips:
-            flips -= 1
-            robot.do(name, parameter)
-            robot.cut("base")
-            await robot.report()
-            await asyncio.sleep(1.5)  # longer than an effect is waited for
-            return 0
-        return None
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = flipping
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"
-    assert repair["rounds"][0]["ending"] == "mismatch", repair["rounds"][0]
-    assert len(repair["rounds"]) == 2
-
-
 async def test_observers_that_fall_silent_under_way_are_named_and_not_the_component(tmp_path: Path) -> None:
     async def silences(robot: Robot, name: str, parameter: str) -> int | None:
         robot.silent = True
@@ -268,16 +244,3 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
     assert first["state"] == "failed"
     assert first["reason"] == "an error in robomend: ZeroDivisionError: division by zero; suspected: base"
     assert second["state"] == "repaired"
-
-
-async def test_a_robot_that_is_deleted_and_created_again_is_kept_again(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime) as robot:
-            await robot.settled()
-        etag = (await runtime.robots.memory.robot("r1")).stored.etag
-        await runtime.robots.delete_robot("r1", expected=etag, by="ann")
-        await asyncio.sleep(0.3)  # whatever kept it has ended
-        async with robot_on(runtime) as robot:
-            robot.cut("base")
-            repair = await the_repair(runtime)
-    assert repair["state"] == "repaired"

@@ -8,11 +8,9 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, robot_on, service, the_repair
 
 from robomend.repairs.remembering import surely_broken
-from robomend.robots.batches import Batch
-from robomend.robots.clock import CLOCK
 from robomend.store import attempts
 from robomend.store.records import StoredAttempt, StoredRepair
 
@@ -85,47 +83,3 @@ async def test_a_device_that_hangs_behind_the_ended_driver_is_cycled_after_a_sec
     assert repair["state"] == "repaired"
     restart = ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert robot.done == ["start_node(lidar_node)", *restart, "shutdown(lidar)", "power_up(lidar)", *restart]
-
-
-@pytest.mark.anyio
-async def test_what_is_told_late_and_changes_nothing_keeps_no_second_round_waiting(tmp_path: Path) -> None:
-    """That the driver is mute is told at once; who watches the map that rests on it may need ten minutes."""
-
-    class WithLateMap(Robot):
-        """Of its map nothing is seen anew before the driver was started twice."""
-
-        began_ns = 0
-
-        async def report(self) -> None:
-            observes = {"ok(scan)": (0.1, 0.1), "ok(map)": (0.1, 600.0)}
-            await self.repairs.orders(
-                "r1", host=None, wait_s=0.0, agent="onboard", can=[], observes=observes, settled=None
-            )
-            now_ns = CLOCK.now_ns()
-            self.began_ns = self.began_ns or now_ns
-            late = self.done.count("start_node(lidar_node)") < 2
-            said = [
-                ("ok(map)", self.began_ns) if late and "(map)" in one else (one, now_ns)
-                for one in self.sentences()
-            ]
-            sentences, since = zip(*said, strict=True)
-            await self.robots.observe(
-                "r1", Batch(sentences, source="agent", time_ns=now_ns, since=since, lifetime_s=2.0)
-            )
-
-    patient = {**CONFIG["actions"]["start_node"], "effect_timeout_s": 600.0}
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime, policy="observe", actions={**CONFIG["actions"], "start_node": patient}):
-            pass  # it is configured
-        robot = WithLateMap(runtime.repairs, runtime.robots)
-        async with running(robot):
-            for runs in (True, False, True):  # how long a start takes is seen
-                robot.do("start_node" if runs else "stop_node", "lidar_node")
-                await robot.settled()
-            robot.spoil = first_one_mute()
-            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
-            actions = {**CONFIG["actions"], "start_node": patient}
-            await runtime.robots.put_robot("r1", {**CONFIG, "actions": actions}, expected="*", by="test")
-            repair = await the_repair(runtime)
-    assert repair["state"] == "repaired", repair["reason"]
-    assert robot.done == ["start_node(lidar_node)", "stop_node(lidar_node)", "start_node(lidar_node)"]

@@ -89,17 +89,6 @@ def test_no_evidence_is_from_the_services_future_whatever_a_source_stamps(
         assert since_ns <= arrival_ns - old_s * S
 
 
-def test_a_batch_that_waited_on_a_disk_stays_old() -> None:
-    clocks = SourceClocks()
-    for number in range(8):
-        clocks.offset_ns("agent", NOW + number * S - 2_000_000, NOW + number * S)
-    late = clocks.offset_ns("agent", NOW - 60 * S, NOW + 9 * S)
-    assert late <= 2_000_000
-    fresh = SourceClocks()
-    for number in range(3):  # the first that is heard of a source is a backlog
-        assert fresh.offset_ns("agent", NOW - 60 * S + number * S, NOW) == 0
-
-
 def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence() -> None:
     held = Obs()
     sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))

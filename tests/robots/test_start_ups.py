@@ -125,18 +125,6 @@ def test_a_start_may_take_twice_the_longest_of_the_latest_and_half_a_second_more
     assert found.may_take_ns("echoes") is None
 
 
-def test_what_was_not_seen_to_begin_or_took_two_minutes_was_no_start() -> None:
-    found = StartUps()
-    heard(found, news(Literal(DRIVER), 100), news(Literal(SCAN), 101))  # it ran when first heard of
-    assert found.may_take_ns("scan") is None
-    started(found, DRIVER, SCAN, 200, 121)
-    assert found.may_take_ns("scan") is None
-    started(found, DRIVER, SCAN, 300, -0.5)  # heard before it began: of the one before
-    assert found.may_take_ns("scan") is None
-    heard(found, news(Literal(DRIVER, False), 400), news(Literal(SCAN), 401))  # nor when it is gone
-    assert found.may_take_ns("scan") is None
-
-
 def test_a_start_that_a_planted_fault_held_up_until_it_was_undone_teaches_nothing() -> None:
     found = StartUps()
     started(found, DRIVER, SCAN, 100, 0.8)
@@ -173,17 +161,6 @@ def test_what_the_act_has_started_has_its_time_from_when_it_began() -> None:
     assert left_s(found, both, MAP, sent_s=994) == pytest.approx(4 + 0.5 + SLACK_NS / S - 0.5)
 
 
-def test_before_its_observer_has_said_how_it_is_after_the_act_nothing_is_in_vain() -> None:
-    found = StartUps()
-    started(found, DRIVER, SCAN, 100, 0.8)
-    seen = Seen()
-    del seen.values[SCAN]
-    assert left_s(found, seen, SCAN, since_s=900) == inf
-    seen = Seen()
-    seen.values[DRIVER] = False  # something else went wrong
-    assert left_s(found, seen, SCAN, since_s=900) == inf
-
-
 def test_what_needs_an_input_has_its_time_from_when_that_is_there() -> None:
     found = StartUps()
     started(found, MAPPING, MAP, 100, 2)
@@ -215,20 +192,6 @@ def test_to_what_an_input_held_up_only_the_time_after_the_input_is_added_again(t
     assert booted(3.9, 4, told_last=told_last).may_take_ns("map") == 5 * S  # a quarter at least
     assert booted(-1, 3, told_last=told_last).unwritten() == {"map": (StoredStart(3 * S, 3 * S, False),)}
     assert booted(-1, 3, told_last=told_last).may_take_ns("map") == 6 * S
-
-
-def test_an_input_that_nobody_watches_is_taken_to_be_there_if_its_node_has_run_for_long() -> None:
-    found, seen = StartUps(), Seen()
-    started(found, MAPPING, MAP, 100, 0.8)
-    assert left_s(found, seen, MAP) == inf  # its input is watched, and is not there
-    del seen.values[SCAN]
-    assert left_s(found, seen, MAP) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
-    seen.rose[DRIVER] = 998 * S
-    assert left_s(found, seen, MAP) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
-    seen.rose[DRIVER] = 999 * S  # it may be starting, too: nobody knows how long that takes
-    assert left_s(found, seen, MAP) == inf
-    seen.rose[DRIVER], seen.values[DRIVER] = 998 * S, False
-    assert left_s(found, seen, MAP) == inf
 
 
 def test_a_start_after_one_that_was_given_up_has_twice_its_time(clock: SimpleNamespace) -> None:
@@ -329,28 +292,6 @@ SLOW = replace(
 
 def due_s(found: StartUps, seen: Seen, *missing: Atom, parts: ComponentModel = PARTS) -> float:
     return found.due_s([Literal(atom) for atom in missing], 5.0, parts, seen)
-
-
-def test_what_the_model_says_is_known_before_any_start_was_seen() -> None:
-    found = StartUps()
-    seen = Seen(rose={MAPPING: 1000 * S})
-    seen.values[SCAN] = True
-    assert due_s(found, seen, MAP, parts=SLOW) == pytest.approx(30 + 0.5 + SLACK_NS / S)
-    assert found.needs_s("mapping", SLOW) == pytest.approx(30)
-    started(found, MAPPING, MAP, 100, 40)  # for once it took longer
-    assert due_s(found, seen, MAP, parts=SLOW) == pytest.approx(60 + 0.5 + SLACK_NS / S)
-
-
-def test_what_waits_for_an_input_is_due_after_that_and_what_hangs_on_a_device_after_its_boot() -> None:
-    found = StartUps()
-    found.publishers(SLOW)
-    seen = Seen(rose={MAPPING: 1000 * S, DRIVER: 1000 * S, ON: 990 * S})
-    assert found.drivable_ns("driver", SLOW, seen) == (990 + 90) * S
-    assert found.booting("driver", SLOW, seen) == ("lidar",)
-    assert due_s(found, seen, SCAN, parts=SLOW) == pytest.approx(80 + 5 + 0.5 + SLACK_NS / S)
-    assert due_s(found, seen, MAP, parts=SLOW) > 80 + 5 + 30
-    seen.values[ON] = False  # it has no power: nothing boots
-    assert found.drivable_ns("driver", SLOW, seen) == 0
 
 
 def test_who_still_sees_nothing_when_it_was_due_is_not_waited_for_until_it_would_have_judged(

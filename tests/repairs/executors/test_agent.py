@@ -58,19 +58,6 @@ async def test_the_agent_on_the_component_s_host_gets_it_and_its_answer_counts(
     assert await result == ActionResult(OK, "started")
 
 
-async def test_an_agent_is_handed_only_what_it_can_do(store: Store, queue: AgentQueue) -> None:
-    result = sent(store, queue, 10.0)
-    others = {"stop_node:driver", "start_node:other", "driver", "calibrate"}
-    assert await queue.take("r1", "nuc", 0.2, agent="bridge", can=others) is None
-    assert await queue.take("r1", "nuc", 0.2, agent="bridge", can=()) is None
-    assert await queue.take("r1", "other", 0.2, agent="elsewhere", can={"start_node:driver"}) is None
-    action = await queue.take("r1", "nuc", 5.0, agent="onboard", can={"start_node:driver"})
-    assert action is not None
-    assert action.taken_by == "onboard"
-    await queue.finish(action.id, OK, "started")
-    assert await result == ActionResult(OK, "started")
-
-
 async def test_an_action_that_returns_twice_keeps_its_first_result(store: Store, queue: AgentQueue) -> None:
     result = sent(store, queue, 10.0)
     action = await queue.take("r1", "nuc", 5.0)
@@ -127,15 +114,6 @@ async def test_an_agent_that_is_at_it_goes_on_when_only_the_service_ends(
     await asyncio.wait({result})
     await queue.feedback("r-1:0", 0, "at it")  # is not told that it is withdrawn
     assert (await queue.finish("r-1:0", OK, "started")).code == OK
-
-
-async def test_cancelling_withdraws_what_nobody_has_begun(store: Store, queue: AgentQueue) -> None:
-    result = sent(store, queue, 10.0)
-    await queue.take("r1", "nuc", 5.0)
-    result.cancel()
-    await asyncio.wait({result})
-    with pytest.raises(StateConflict):
-        await queue.feedback("r-1:0", 0, "begun")
 
 
 async def test_nothing_is_handed_out_while_the_global_stop_is_active(store: Store, queue: AgentQueue) -> None:

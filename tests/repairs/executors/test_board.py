@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from tests.board.linking import END_S, emulated, link_to, on, until
 
 from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
@@ -81,19 +80,6 @@ async def test_what_a_board_cannot_do_is_refused(action: tuple[str, tuple[str, .
     assert done.code == REFUSED
 
 
-async def test_whoever_watches_hears_that_the_link_is_waited_for() -> None:
-    heard: list[str] = []
-    board = Board()
-    board.state = LinkState.DISCONNECTED
-    action = Action("r-1:0", "power_up", ("jaguar",), 1.0)
-    assert (await executor(board).execute(action, lambda _, message: heard.append(message))).ok
-    assert heard == ["the board's link is disconnected; waiting for it"]
-    heard.clear()
-    board.state = LinkState.CONNECTED
-    await executor(board).execute(action, lambda _, message: heard.append(message))
-    assert heard == []
-
-
 async def test_what_was_switched_on_is_looked_at_at_once_and_what_is_off_stays_off_for_a_moment() -> None:
     board = Board()
     assert (await executor(board).execute(Action("r-1:0", "shutdown", ("jaguar",), 1.0), quiet)).ok
@@ -110,14 +96,3 @@ async def test_a_board_that_cannot_be_asked_has_switched_all_the_same(error: Boa
     board.deaf = error
     done = await executor(board).execute(Action("r-1:0", "power_up", ("jaguar",), 1.0), quiet)
     assert (done.code, board.told) == (OK, [(7, True)])
-
-
-async def test_a_real_link_knows_after_a_power_up_that_it_is_on() -> None:
-    # With one broadcast a second, the next one would hardly be there by chance.
-    async with emulated() as emulator, link_to(emulator.port, broadcast_hz=1) as link:
-        await until(lambda: link.snapshot.channels is not None)
-        done = await BoardExecutor(link, {"jaguar": 7}, {}).execute(
-            Action("r-1:0", "power_up", ("jaguar",), END_S), quiet
-        )
-        assert done.ok
-        assert on(link.snapshot, 7)

@@ -58,12 +58,3 @@ async def test_a_cancelled_call_leaves_no_result() -> None:
     await asyncio.wait([task])
     inner.let_go.set()
     assert (await once.execute(action, quiet)).code == 2
-
-
-async def test_only_so_many_results_are_kept() -> None:
-    inner = Counting()
-    inner.let_go.set()
-    once = Once(inner, keep=2)
-    for index in (0, 1, 2, 0):
-        await once.execute(Action(f"r-1:{index}", "power_up", (), 1.0), quiet)
-    assert inner.calls == 4

@@ -16,11 +16,7 @@ from robomend.board.link import BoardLink
 from robomend.errors import InputError, OptionRefused
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors import registry
-from robomend.repairs.executors.agent import AgentExecutor
-from robomend.repairs.executors.board import BoardExecutor
-from robomend.repairs.executors.process import ProcessExecutor
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, check, executors
-from robomend.repairs.executors.webhook import WebhookExecutor
 from robomend.robots.boards import WiredBoard
 
 ROOT = Path(__file__).parents[3]
@@ -54,15 +50,6 @@ def by(kind: str, **options: Any) -> dict[str, Any]:
 def kinds(configured: Mapping[str, Any], around: Surroundings = AROUND) -> dict[str, type]:
     """Return action name -> class of its executor, below what answers a repeated id."""
     return {name: type(one._executor) for name, one in executors(NAMES, configured, around).items()}  # type: ignore[attr-defined]  # every one is a Once
-
-
-def test_power_goes_to_the_board_and_the_rest_to_the_agent() -> None:
-    power = dict.fromkeys(("power_up", "shutdown"), BoardExecutor)
-    assert kinds({}) == {**power, **dict.fromkeys(("start_node", "stop_node", "reset_usb"), AgentExecutor)}
-
-
-def test_a_board_carries_out_nothing_but_power() -> None:
-    assert "reset_usb" not in kinds(by("board"))
 
 
 @pytest.mark.parametrize(
@@ -107,11 +94,6 @@ def test_a_private_address_is_called_where_the_settings_name_its_host(hosts: tup
     check(by("webhook", url="http://10.0.0.1:8080/", secret="s"), around)
     with pytest.raises(InputError, match="private"):
         check(by("webhook", url="http://10.0.0.2:8080/", secret="s"), around)
-
-
-def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
-    assert kinds(by("process", program="usb-reset"))["reset_usb"] is ProcessExecutor
-    assert kinds(by("webhook", url="https://h", secret="s"))["reset_usb"] is WebhookExecutor
 
 
 def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
