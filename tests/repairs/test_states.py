@@ -84,11 +84,7 @@ def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
 
 OTHER_WORDS = {
     # SOVD's states of an execution
-    *(
-        (place, word)
-        for place in ("api/routers/sovd.py", "api/schemas/sovd.py")
-        for word in ("running", "failed")
-    ),
+    *(("api/routers/sovd.py", word) for word in ("running", "failed")),
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/batch.py", "running"),  # a batch's states
@@ -99,10 +95,10 @@ OTHER_WORDS = {
     *(("batches/record.py", word) for word in ("done", "failed")),
     ("cli/init/described.py", "running"),  # the predicate
     ("api/schemas/drill.py", "done"),  # what a person says
-    ("api/schemas/notifications.py", "escalated"),  # what a notification is about
+    ("api/routers/notifications.py", "escalated"),  # what a notification is about
     ("notifications/notices.py", "escalated"),
     ("settings.py", "escalated"),
-    ("api/schemas/notifications.py", "waiting"),  # a notification, to be delivered
+    ("api/routers/notifications.py", "waiting"),  # a notification, to be delivered
     ("api/routers/status.py", "waiting"),  # for a person: a filter of robots
     ("cli/remote/status.py", "waiting"),
     ("cli/remote/mcp.py", "waiting"),
