@@ -8,7 +8,7 @@ nothing: there is no dictionary to try for 256 random bits, and every request wo
     operator   viewer, and approves, cancels, switches, stops, changes robots and models
     admin      operator, the audit log, and whatever else there is
 
-A browser shows its key once, at sign-in, and then a cookie, for the same rights: see robomend.api.sign_in.
+A browser shows its key once, at sign-in, and then a cookie, for the same rights: see robomend.api.gate.
 
 RULES is the policy. A route that is not in it is refused to everyone, so a new route cannot be forgotten;
 tests/api/test_roles.py walks every route × role.

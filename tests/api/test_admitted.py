@@ -58,7 +58,6 @@ class Keyed:
 def keyed(start: StartService, monkeypatch: pytest.MonkeyPatch) -> Keyed:
     for name, value_s in (
         ("body.LOOK_S", 0.0),
-        ("admitted.LOOK_S", 0.02),
         ("gate.FRESH_S", 0.0),
         ("control_lane.USUAL_S", 60.0),  # what was known last does not count
     ):

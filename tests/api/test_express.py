@@ -10,7 +10,7 @@ import httpx
 import pytest
 from tests.api.conftest import Service, StartService
 
-from robomend.api.express import Express
+from robomend.api.ingestion import Express
 
 JSON = {"Content-Type": "application/json"}
 LONG = {"Content-Type": "application/json; charset=utf-8"}

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from tests.api.conftest import Service, StartService, sign_in
 
-from robomend.api.sign_in import PLAIN, SECURE
+from robomend.api.gate import PLAIN, SECURE
 from robomend.security import digest, new_key
 from robomend.store import Transaction, api_keys
 

@@ -12,7 +12,7 @@ from tests.api.conftest import TEDUSAR, Service, running
 from tests.api.test_timestamps import answered, each_is_told
 from tests.waiting import until
 
-from robomend.api.schemas.history import HistoryLine
+from robomend.api.routers.history import HistoryLine
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair_record import RepairOut
 from robomend.repairs.states import RepairState

@@ -11,7 +11,7 @@ from robomend.api.views import accepted_response
 from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.robots.batches import Acknowledged
-from robomend.store.batch_text import told
+from robomend.store.encoding import told
 from robomend_client.literals import Atom, Literal
 from robomend_client.readings import Reading
 

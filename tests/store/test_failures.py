@@ -20,7 +20,6 @@ from tests.store.examples import entry, observe, with_robots
 from robomend.api.store_probe import StoreProbe
 from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
 from robomend.store import Store, Transaction, database, global_stop, observations, robots, writer
-from robomend.store import store as store_module
 from robomend.store.bounded import BoundedConnection
 
 pytestmark = pytest.mark.anyio
@@ -214,7 +213,7 @@ async def test_too_many_writes_are_refused_at_once(store: Store, monkeypatch: py
 
 
 async def test_too_many_reads_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store_module, "MAX_READS", 1)
+    monkeypatch.setattr(writer, "MAX_READS", 1)
     go_on = threading.Event()
     first = asyncio.create_task(store.read(lambda db: go_on.wait(60)))
     await asyncio.sleep(0)

@@ -6,7 +6,7 @@ import pytest
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.store import Store
-from robomend.store.growth import LEAST_DAYS, measure
+from robomend.store.pruning import LEAST_DAYS, measure
 from robomend.store.records import Retention
 
 pytestmark = pytest.mark.anyio

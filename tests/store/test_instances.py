@@ -10,8 +10,8 @@ from tests.store.examples import entry, observe, with_robots
 
 from robomend.errors import StateConflict
 from robomend.store import Store, Transaction, observations, robots
-from robomend.store.group import Group
 from robomend.store.records import IdempotencyKey
+from robomend.store.transaction import Group
 
 pytestmark = pytest.mark.anyio
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import subprocess
-import sys
 import uuid
 from contextlib import closing
 from pathlib import Path
@@ -16,6 +14,7 @@ from sqlalchemy import Connection, MetaData, inspect, select
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, owner
 
+from robomend.cli.commands import run
 from robomend.errors import StoreError
 from robomend.store import Store, agent_actions, api_keys, global_stop, journal, observations, repairs, schema
 from robomend.store.database import Database
@@ -155,23 +154,17 @@ def test_a_database_of_a_newer_robomend_is_refused_and_left_alone(url: str) -> N
 
 @pytest.mark.parametrize("version", ["0001", "0010"])
 def test_a_database_of_a_development_version_is_refused_in_one_sentence_and_left_alone(
-    url: str, version: str
+    url: str, version: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     database = Database(url)
     database.prepare()
     with closing(database.open_writer()) as connection, connection.begin():
         connection.execute(schema.version.update().values(version_num=version))
     for command in ("serve --port 0", "export"):
-        refused = subprocess.run(
-            [sys.executable, "-m", "robomend", *command.split(), "--database", url],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert refused.returncode == 3
-        assert refused.stdout == ""
-        [line] = refused.stderr.splitlines()
+        assert run([*command.split(), "--database", url]) == 3
+        out, err = capsys.readouterr()
+        assert out == ""
+        [line] = err.splitlines()
         assert f"schema '{version}' of a development version" in line
     with database.reading() as reading:
         assert reading.execute(schema.version.select()).scalar() == version

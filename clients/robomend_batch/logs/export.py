@@ -6,7 +6,7 @@
     {"end": true, "rows": 4711}
 
 What was observed while a drill was open is left out: its fault was planted. The rows are those of the store
-(robomend.store.portable, and batch_text.py for `batch`); the store itself is not imported, as that would need
+(robomend.store.portable, and encoding.py for `batch`); the store itself is not imported, as that would need
 a database's libraries. Up to schema 0008 batches were rows of `observations`, with their text in `data`.
 """
 

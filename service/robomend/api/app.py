@@ -19,20 +19,17 @@ from fastapi.routing import APIRoute
 
 from robomend.api import lists, problems
 from robomend.api.deps import Parts
-from robomend.api.documented import PROBLEM
 from robomend.api.edge import Edge
-from robomend.api.express import Express
-from robomend.api.gate import Admission, Admitter
-from robomend.api.ingestion import COMPONENTS
+from robomend.api.gate import PLAIN, SECURE, Admission, Admitter
+from robomend.api.ingestion import COMPONENTS, Express
 from robomend.api.page_route import PagePace
-from robomend.api.problems import MEDIA_TYPE
+from robomend.api.problems import MEDIA_TYPE, PROBLEM
 from robomend.api.routers import (
     actions,
     batch_pages,
     batches,
     benchmark_pages,
     board,
-    changes,
     control,
     diagnosis,
     docs,
@@ -48,18 +45,15 @@ from robomend.api.routers import (
     oneshots,
     operation,
     pages,
-    plans,
     record_pages,
     repairs,
     robot_pages,
     robots,
-    root,
     session,
     sovd,
     status,
 )
 from robomend.api.schemas.base import ProblemBody
-from robomend.api.sign_in import PLAIN, SECURE
 from robomend.security import API, EVERYONE, RULES
 from robomend.version import version_info
 from robomend.web.fleet import Fleet
@@ -191,14 +185,12 @@ ROUTERS = (
     actions,
     robots,
     models,
-    plans,
     repairs,
     sovd,
     drills,
     moments,
     batches,
     board,
-    changes,
     control,
     events,
     history,
@@ -207,7 +199,6 @@ ROUTERS = (
     session,
     status,
     operation,
-    root,
     docs,
     pages,
     robot_pages,

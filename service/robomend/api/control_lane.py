@@ -49,7 +49,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp
 from uvicorn.server import ServerState
 
-from robomend.api.admitted import AGAIN
+from robomend.api.body import AGAIN
 from robomend.api.gate import Admission
 from robomend.api.problems import Problem
 from robomend.api.protocol import Protocol, limited, make_room

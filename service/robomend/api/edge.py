@@ -31,8 +31,8 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from robomend.api.express import PATH, RULE, Express
-from robomend.api.origin import by_name, foreign
+from robomend.api.gate import by_name, foreign
+from robomend.api.ingestion import PATH, RULE, Express
 from robomend.api.problems import Problem, unforeseen
 from robomend.api.protocol import LINGER_BYTES, LINGER_S
 from robomend.api.shedding import Bucket, LoadShedding

@@ -30,8 +30,7 @@ from starlette.responses import RedirectResponse, Response
 
 from robomend.api.body import check_content_type, read_chunks
 from robomend.api.deps import Parts, parts_of
-from robomend.api.gate import GuardedRoute
-from robomend.api.origin import foreign
+from robomend.api.gate import GuardedRoute, foreign
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.api.schemas.base import one_line
 from robomend.errors import RobomendError

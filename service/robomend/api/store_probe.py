@@ -18,10 +18,18 @@ from collections import deque
 
 import structlog
 
-from robomend.api.schemas.operation import Check
+from robomend.api.schemas.base import Out
 from robomend.errors import RobomendError, StoreDamaged, StoreFull
 from robomend.metrics import Metrics
 from robomend.store import Store, global_stop
+
+
+class Check(Out):
+    """How one part is."""
+
+    ok: bool
+    detail: str
+
 
 # --- how late the event loop is: what every request waits before it begins
 # The loop ticks every 25 ms, by a timer of its own. How late a tick comes is measured, and logged where

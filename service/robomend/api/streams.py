@@ -23,7 +23,7 @@ from json.encoder import encode_basestring_ascii
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from robomend.api.admitted import left
+from robomend.api.body import left
 from robomend.api.problems import Problem
 from robomend.metrics import Metrics
 from robomend.store import Store, events

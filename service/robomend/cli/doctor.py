@@ -209,11 +209,11 @@ def _growth(settings: Settings) -> str:
     import time
 
     from robomend.api.runtime import kept_by
-    from robomend.store import growth, opened
+    from robomend.store import opened, pruning
 
-    async def look() -> growth.Growth:
+    async def look() -> pruning.Growth:
         async with opened(settings.database_url) as store:
-            return await store.read(growth.measure, time.time_ns())
+            return await store.read(pruning.measure, time.time_ns())
 
     found = asyncio.run(look())
     if not found.bytes_a_day:

@@ -4,26 +4,25 @@
 
     store.py         Store: reading, writing, the event log as it grows
     records.py       the frozen values that are kept
-    schema.py        the tables;  encoding.py  values to columns;  migrations/  older databases
-    view.py          View: what a query reads;  transaction.py  Transaction: what a change writes
-    group.py         the database transaction that changes share;  rows.py  what waits in memory until its end
+    schema.py        the tables;  migrations/  older databases
+    encoding.py      values to columns, and a batch as the log keeps it;  folding.py  OBS of rows and batches
+    rows.py          View: what a query reads; rows that wait; what diagnoses say, once for all that say it
+    transaction.py   Transaction: what a change writes;  Group: the database transaction that changes share
     events.py        the log: batches, diagnoses and all other events, as they are read
-    batch_text.py    a batch in it;  folding.py  OBS: rows, and the batches that came since
     models.py, robots.py, observations.py, start_ups.py, diagnoses.py, repairs.py, journal.py, attempts.py,
     drills.py, moments.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, audit.py,
     notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it
-    results.py       what diagnoses say, once for all rows that say the same
     database.py      connections, and what differs between SQLite and PostgreSQL
-    writer.py        one thread that commits in groups
+    writer.py        the threads: one commits in groups, a few read
     session.py       the instance's lock and its ear;  ownership.py  one owner per robot, with fencing numbers
-    portable.py      export, import and backup;  pruning.py  retention;  growth.py  how fast it grows
+    portable.py      export, import and backup;  pruning.py  retention, and how fast it grows
 """
 
 from __future__ import annotations
 
+from robomend.store.rows import View
 from robomend.store.store import Store, opened
 from robomend.store.transaction import Transaction
-from robomend.store.view import View
 
 __all__ = ["Store", "Transaction", "View", "opened"]

@@ -11,8 +11,8 @@ from robomend.errors import StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, from_json, to_json
 from robomend.store.records import AgentAction
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 from robomend_client.actions import offered
 
 _ACTIONS = schema.agent_actions

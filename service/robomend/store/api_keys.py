@@ -10,8 +10,8 @@ from robomend.errors import StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_ns, checked_or_none, new_id
 from robomend.store.records import ApiKey, SignIn
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _KEYS, _SIGN_INS = schema.api_keys, schema.sign_ins
 

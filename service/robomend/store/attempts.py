@@ -13,8 +13,8 @@ from robomend.errors import NotFound
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, from_json, to_json
 from robomend.store.records import Fence, Quarantine, StoredAttempt
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _TRIED, _ATTEMPTS, _QUARANTINE = schema.tried, schema.attempts, schema.quarantine
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robomend.store import schema
 from robomend.store.encoding import checked, from_json
 from robomend.store.records import FIRST_PAGE, AuditEntry, Page, Paging
-from robomend.store.view import AnyRow, View
+from robomend.store.rows import AnyRow, View
 
 
 def page(

@@ -12,8 +12,8 @@ from robomend.errors import Overloaded, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, from_json, to_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredBatchJob
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _JOBS = schema.batch_jobs
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robomend.store import results
 from robomend.store.encoding import checked_ns, from_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
-from robomend.store.rows import DIAGNOSED, DIAGNOSES, Logged
+from robomend.store.rows import DIAGNOSED, DIAGNOSES, AnyRow, Logged, View, as_it_is, texts_of
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View, as_it_is
 from robomend_client.events import Kind
 
 _ONE = Paging(limit=1)
@@ -57,7 +55,7 @@ def record(tx: Transaction, robot: str, revision: int, result: Json) -> None:
 
 
 def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...]:
-    text = results.texts_of(view, rows)
+    text = texts_of(view, rows)
     return tuple(_diagnosis(row, from_json(text(row.data, row.common))) for row in rows)
 
 

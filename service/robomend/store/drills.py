@@ -13,8 +13,8 @@ from robomend.errors import StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, from_json, new_id, to_json
 from robomend.store.records import FIRST_PAGE, DrillRequest, Fence, Json, Page, Paging, StoredDrill
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _DRILLS = schema.drills
 _OPEN_ONES = select(_DRILLS).where(_DRILLS.c.open)  # each second: made once

@@ -12,12 +12,10 @@ from itertools import islice
 
 from sqlalchemy import func, select
 
-from robomend.store import results, schema
-from robomend.store.batch_text import event_of
-from robomend.store.encoding import Encoded, checked, from_json
+from robomend.store import schema
+from robomend.store.encoding import Encoded, checked, event_of, from_json
 from robomend.store.records import EventRange
-from robomend.store.rows import CHANGE
-from robomend.store.view import AnyRow, View
+from robomend.store.rows import CHANGE, AnyRow, View, texts_of
 from robomend_client.events import Event, Kind
 
 CUT = "events-cut"
@@ -38,7 +36,7 @@ def after(view: View, last: int, *, robot: str | None = None, limit: int = 500) 
         of_robot = query.where(_LOG.c.robot == checked(robot))
         found = [row for kind in KINDS for row in view.of_log(of_robot.where(_LOG.c.kind == kind))]
         rows = sorted(found, key=lambda row: row.id)[:limit]
-    text = results.texts_of(view, rows)
+    text = texts_of(view, rows)
     return tuple(islice((event for event in _events(rows, text) if event.id > last), limit))
 
 

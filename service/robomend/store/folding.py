@@ -24,7 +24,6 @@ from sqlalchemy import ColumnElement, Connection, bindparam, select, text
 
 from robomend.entry import Entry
 from robomend.store import schema
-from robomend.store.batch_text import held_of
 from robomend.store.encoding import (
     INT64,
     atom_from_text,
@@ -33,11 +32,11 @@ from robomend.store.encoding import (
     checked_ns,
     entry_of,
     from_json,
+    held_of,
     more_of,
 )
 from robomend.store.records import StoredObs
-from robomend.store.rows import BATCHES, OBS, Row, upsert
-from robomend.store.view import AnyRow, View
+from robomend.store.rows import BATCHES, OBS, AnyRow, Columns, View, upsert
 from robomend_client.literals import Literal
 
 EVERY = 64
@@ -96,7 +95,7 @@ def due(robot: str, revision: int) -> bool:
     return (revision + crc32(robot.encode())) % EVERY == 0
 
 
-def obs_row(robot: str, entry: Entry, revision: int) -> Row:
+def obs_row(robot: str, entry: Entry, revision: int) -> Columns:
     """Return the row of an entry that OBS holds since a revision. InputError: no column takes it."""
     atom, positive = entry.literal
     times = (entry.time_ns, entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
@@ -118,7 +117,7 @@ def obs(view: View, robot: str) -> StoredObs:
     if not states:
         return StoredObs(0)
     revision = newest(states[0])
-    held: dict[str, Row] = {row.atom: tuple(row) for row in view.rows(_HELD, {"of_robot": robot})}
+    held: dict[str, Columns] = {row.atom: tuple(row) for row in view.rows(_HELD, {"of_robot": robot})}
     if revision > states[0].folded:
         batches = view.of_log(_BATCHES, {"of_robot": robot, "revision": revision})
         for atom, folded in fold(robot, {atom: row[-1] for atom, row in held.items()}, batches).items():
@@ -143,14 +142,14 @@ def bring_up(connection: Connection, robot: str, revision: int) -> None:
     connection.execute(_FOLDED, {"of_robot": robot, "to": revision})
 
 
-def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) -> dict[str, Row | None]:
+def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) -> dict[str, Columns | None]:
     """Return the rows that batches of the log change, None for one that is to go.
 
     Args:
         of: atoms -> the revision that their rows are of, of those at least that no batch was folded into.
         batches: revision and text of each.
     """
-    rows: dict[str, Row | None] = {}
+    rows: dict[str, Columns | None] = {}
     for revision, batch in sorted((revision, batch) for revision, batch in batches):
         held, forgotten = held_of(batch)
         for atom, columns in held:
@@ -162,7 +161,7 @@ def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) ->
     return rows
 
 
-def _entry(row: Row) -> Entry:
+def _entry(row: Columns) -> Entry:
     _, atom, positive, *columns, more, _ = row
     columns.append(None if more is None else from_json(more))
     return entry_of(Literal(atom_from_text(atom), bool(positive)), *columns)

@@ -13,8 +13,8 @@ from sqlalchemy import select, text
 from robomend.store import schema
 from robomend.store.encoding import from_json, to_json
 from robomend.store.records import Stop
+from robomend.store.rows import View
 from robomend.store.transaction import Transaction
-from robomend.store.view import View
 
 _STOP = select(schema.settings.c.value).where(schema.settings.c.name == "stop")  # each second: made once
 _LOCK = 0x73746F70  # "stop": PostgreSQL's advisory lock

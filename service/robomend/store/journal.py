@@ -14,8 +14,8 @@ from robomend.errors import StateConflict
 from robomend.store import repairs, schema
 from robomend.store.encoding import checked, from_json, to_json
 from robomend.store.records import Fence, Intent
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _JOURNAL = schema.journal
 

@@ -10,8 +10,8 @@ from robomend.errors import NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked
 from robomend.store.records import ANY, FIRST_PAGE, Page, Paging, StoredModel
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction, check_seen
-from robomend.store.view import AnyRow, View
 
 _VERSIONS, _MODELS = schema.model_versions, schema.models
 _IS_CURRENT = (_MODELS.c.name == _VERSIONS.c.name) & (_MODELS.c.current == _VERSIONS.c.number)

@@ -18,8 +18,8 @@ from robomend.errors import InputError, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_ns, from_json, to_json
 from robomend.store.records import FIRST_PAGE, Json, MomentBounds, Page, Paging, StoredMoment
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
 
 _MOMENTS = schema.moments

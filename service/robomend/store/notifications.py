@@ -9,8 +9,8 @@ from sqlalchemy import func, select
 from robomend.store import schema
 from robomend.store.encoding import checked, from_json, to_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredNotification
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _TOLD = schema.notifications
 _COUNTERS = schema.counters

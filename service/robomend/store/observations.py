@@ -10,8 +10,7 @@ from sqlalchemy import select
 from robomend.entry import Entry
 from robomend.errors import NotFound, StateConflict
 from robomend.store import folding, schema
-from robomend.store.batch_text import batch_of, batch_to_text, told
-from robomend.store.encoding import atom_to_text, checked, checked_ns
+from robomend.store.encoding import atom_to_text, batch_of, batch_to_text, checked, checked_ns, told
 from robomend.store.records import (
     FIRST_PAGE,
     Page,
@@ -20,9 +19,8 @@ from robomend.store.records import (
     StoredBatch,
     StoredObs,
 )
-from robomend.store.rows import BATCHES, OBSERVED, LockedRobot, Logged
+from robomend.store.rows import BATCHES, OBSERVED, AnyRow, LockedRobot, Logged, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
 

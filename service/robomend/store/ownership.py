@@ -27,19 +27,16 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, bindparam, or_, select
 
 from robomend.errors import Fenced, RobomendError, StoreError
 from robomend.store import schema
 from robomend.store.records import Fence, Instance
+from robomend.store.rows import View
 from robomend.store.session import InstanceSession
 from robomend.store.transaction import Transaction
-from robomend.store.view import View
-
-if TYPE_CHECKING:
-    from robomend.store.store import Store
+from robomend.store.writer import StoreThreads
 
 HEARTBEAT_S = 15.0
 TURN_S = 0.2
@@ -54,7 +51,7 @@ MAX_ORPHANS = 1000
 class Ownership:
     """The robots that this instance owns. All methods belong to the event loop that started the store."""
 
-    def __init__(self, store: Store, session: InstanceSession) -> None:
+    def __init__(self, store: StoreThreads, session: InstanceSession) -> None:
         self._store = store
         self._session = session
         self._held: dict[str, Fence] = {}

@@ -30,7 +30,7 @@ from robomend.store import events, schema
 from robomend.store.database import Database, translated
 from robomend.store.encoding import from_json, to_json
 from robomend.store.records import Json
-from robomend.store.view import View
+from robomend.store.rows import View
 
 FORMAT = 1
 _CHUNK = 1000

@@ -28,8 +28,8 @@ from robomend.store.records import (
     StepRecord,
     StoredRepair,
 )
+from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
 
 _REPAIRS, _REQUESTS, _STEPS = schema.repairs, schema.repair_requests, schema.repair_steps
 

@@ -8,9 +8,8 @@ from robomend.errors import InputError, NotFound, StateConflict
 from robomend.store import folding, schema
 from robomend.store.encoding import checked, etag, from_json, to_json
 from robomend.store.records import ANY, FIRST_PAGE, Json, Newest, Page, Paging, StoredRobot
-from robomend.store.rows import LockedRobot
+from robomend.store.rows import AnyRow, LockedRobot, View
 from robomend.store.transaction import Transaction, check_seen
-from robomend.store.view import AnyRow, View
 
 _ROBOTS, _STATES = schema.robots, schema.robot_state
 

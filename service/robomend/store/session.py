@@ -41,8 +41,8 @@ from sqlalchemy import URL, Connection, text
 
 from robomend.errors import StoreError
 from robomend.starvation import OwnSilence, waited_s
-from robomend.store.group import CHANNEL
 from robomend.store.rows import NEWEST_EVENT
+from robomend.store.transaction import CHANNEL
 
 POLL_S = 0.05
 """SQLite: how late an event of another process may come."""

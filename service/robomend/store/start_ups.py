@@ -9,8 +9,8 @@ from sqlalchemy import select
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_ns, from_json, to_json
 from robomend.store.records import StoredStart
+from robomend.store.rows import View
 from robomend.store.transaction import Transaction
-from robomend.store.view import View
 
 _START_UPS = schema.start_ups
 

@@ -25,29 +25,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
+from typing import Any, ParamSpec, TypeVar
 
-from robomend.errors import RobomendError, StoreError, StoreOverloaded
+from robomend.errors import RobomendError, StoreError
 from robomend.store import events as log
 from robomend.store.database import Database
-from robomend.store.encoding import checked
 from robomend.store.ownership import Ownership
-from robomend.store.records import IdempotencyKey, StoreFigures
+from robomend.store.records import StoreFigures
 from robomend.store.session import InstanceSession, PostgresSession, SqliteSession
-from robomend.store.transaction import Transaction
-from robomend.store.view import View
-from robomend.store.writer import Job, Writer
+from robomend.store.writer import StoreThreads
 from robomend_client.events import Event, Kind
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-READERS = 4
-MAX_READS = 2000
-
 
 Read = Callable[[int], Awaitable[tuple[Event, ...]]]
 """Return some of the events after an id, oldest first; () when there are none."""
@@ -59,8 +50,8 @@ RETRY_S = 0.5
 class Tail:
     """The event log as it grows: every event, once, in order of id, whichever instance wrote it.
 
-    Ids have no gaps and are committed in their order (group.py), so order is easy to keep: an own commit
-    that follows on the last event delivered is delivered as it is; anything else is a sign that another
+    Ids have no gaps and are committed in their order (transaction.py), so order is easy: an own commit that
+    follows on the last event delivered is delivered as it is; anything else is a sign that another
     instance has written, and the log is read from the last one delivered. Signs come from the own commits and
     from the session (session.py), which hears of other instances' commits. A sign that is lost costs nothing
     but time, as the next one has the same effect. Belongs to the event loop.
@@ -157,7 +148,7 @@ class Tail:
         return end
 
 
-class Store:
+class Store(StoreThreads):
     """Durable memory. `start` and `close` belong to one event loop; `read` and `write` come from it, too.
 
     Errors of every method: StoreError (the database is gone or refuses; it is tried again by the next call),
@@ -173,19 +164,14 @@ class Store:
         Raises:
             OptionRefused: another kind of database.
         """
-        self._database = Database(url)
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._writer = Writer(self._database, self._finished_in_thread)
-        self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="store-reader")
-        self._reading = 0
         self._tail = Tail(self._read_events, lambda: self._writer.committing)
+        super().__init__(Database(url), self._tail.committed)
         self._session: InstanceSession
         if self._database.path is not None:
             self._session = SqliteSession(self._database.path, self._on_sign, self._on_lost)
         else:
             self._session = PostgresSession(self._database.url, self._on_sign, self._on_lost)
         self._ownership = Ownership(self, self._session)
-        self._closed = False
 
     @property
     def url(self) -> str:
@@ -233,80 +219,6 @@ class Store:
         self._readers.shutdown(wait=False, cancel_futures=True)
         self._database.dispose()
 
-    # --- reading and writing
-
-    async def read(self, query: Callable[Concatenate[View, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Return what `query(view, *args, **kwargs)` finds in one snapshot, in which everything is that was
-        written before the call.
-        """
-        if self._closed:
-            raise StoreError("the store is closed")
-        if self._reading >= MAX_READS:
-            raise StoreOverloaded(f"{MAX_READS} reads are waiting; try again in a moment")
-        self._reading += 1
-        try:
-            return await self._running().run_in_executor(
-                self._readers, self._read_in_thread, query, args, kwargs
-            )
-        finally:
-            self._reading -= 1
-
-    def _read_in_thread(self, query: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
-        with self._database.reading() as connection:
-            return query(View(connection), *args, **kwargs)
-
-    async def write(
-        self,
-        change: Callable[[Transaction], T],
-        *,
-        robots: Iterable[str] = (),
-        once: IdempotencyKey | None = None,
-    ) -> T:
-        """Run `change` in a transaction and return its result when that is on disk.
-
-        `robots` names the robots whose observations or repairs it writes: they are locked first, in one
-        order, so that instances do not wait for each other in a circle.
-
-        With `once`, the result must be a JSON value; a repeat returns the first result without running
-        `change`, and StateConflict (code "idempotency-key-reused") if the request differs.
-
-        Being cancelled does not take back a write that is queued.
-        """
-        names = tuple(robots)
-        for robot in names:
-            checked(robot)
-        future: asyncio.Future[T] = self._running().create_future()
-        self._writer.submit(Job(change, names, once, future, time.monotonic()))
-        return await future
-
-    async def wait_turn(self) -> None:
-        """Return when it was our turn to write; nothing is written, and no disk is waited for on SQLite.
-
-        Where another process keeps the lock of all writers, this takes as long as a write would.
-        """
-        await self.write(Transaction.wait_turn)
-
-    def _finished_in_thread(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
-        try:
-            self._running().call_soon_threadsafe(self._finished, jobs, events)
-        except RuntimeError:  # the event loop has ended without closing us
-            return
-
-    def _finished(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
-        for job in jobs:
-            if job.future.done():  # who waited was cancelled
-                continue
-            if job.error is None:
-                job.future.set_result(job.result)
-            else:
-                job.future.set_exception(job.error)
-        self._tail.committed(events)
-
-    def _running(self) -> asyncio.AbstractEventLoop:
-        if self._loop is None:
-            raise StoreError("the store is not started")
-        return self._loop
-
     # --- events
 
     def subscribe(
@@ -333,10 +245,6 @@ class Store:
     def _from_thread(self, call: Callable[..., None], *args: Any) -> None:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._running().call_soon_threadsafe(call, *args)
-
-    def oldest_queued_s(self) -> float:
-        """Return how long the oldest write has waited whose group has not begun."""
-        return self._writer.queued_s()
 
     def figures(self) -> StoreFigures:
         """Return how busy it is."""

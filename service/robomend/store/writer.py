@@ -23,18 +23,20 @@ import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sqlalchemy import Connection, exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
-from robomend.store.group import Group
+from robomend.store.encoding import checked
 from robomend.store.records import IdempotencyKey
-from robomend.store.transaction import Transaction
+from robomend.store.rows import View
+from robomend.store.transaction import Group, Transaction
 from robomend_client.events import Event
 
 MAX_QUEUED = 10_000
@@ -42,6 +44,12 @@ MAX_GROUP = 512
 GROUP_TIME_S = 0.1
 """A group is committed after so long, however much is queued: the first in it waits for the last."""
 ATTEMPTS = 4
+
+READERS = 4
+MAX_READS = 2000
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(slots=True, eq=False)
@@ -259,3 +267,93 @@ class _Repeat(Exception):
 
 class _NoConnection(_Repeat):
     """There is no database to try it on."""
+
+
+class StoreThreads:
+    """The threads of a store, as its event loop uses them: one writes, a few read, each in a snapshot."""
+
+    def __init__(self, database: Database, committed: Callable[[tuple[Event, ...]], None]) -> None:
+        """`committed` is called in the event loop with the events of each commit of ours, once it is over."""
+        self._database = database
+        self._committed = committed
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._writer = Writer(database, self._finished_in_thread)
+        self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="store-reader")
+        self._reading = 0
+        self._closed = False
+
+    async def read(self, query: Callable[Concatenate[View, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Return what `query(view, *args, **kwargs)` finds in one snapshot, in which everything is that was
+        written before the call.
+        """
+        if self._closed:
+            raise StoreError("the store is closed")
+        if self._reading >= MAX_READS:
+            raise StoreOverloaded(f"{MAX_READS} reads are waiting; try again in a moment")
+        self._reading += 1
+        try:
+            return await self._running().run_in_executor(
+                self._readers, self._read_in_thread, query, args, kwargs
+            )
+        finally:
+            self._reading -= 1
+
+    def _read_in_thread(self, query: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+        with self._database.reading() as connection:
+            return query(View(connection), *args, **kwargs)
+
+    async def write(
+        self,
+        change: Callable[[Transaction], T],
+        *,
+        robots: Iterable[str] = (),
+        once: IdempotencyKey | None = None,
+    ) -> T:
+        """Run `change` in a transaction and return its result when that is on disk.
+
+        `robots` names the robots whose observations or repairs it writes: they are locked first, in one
+        order, so that instances do not wait for each other in a circle.
+
+        With `once`, the result must be a JSON value; a repeat returns the first result without running
+        `change`, and StateConflict (code "idempotency-key-reused") if the request differs.
+
+        Being cancelled does not take back a write that is queued.
+        """
+        names = tuple(robots)
+        for robot in names:
+            checked(robot)
+        future: asyncio.Future[T] = self._running().create_future()
+        self._writer.submit(Job(change, names, once, future, time.monotonic()))
+        return await future
+
+    async def wait_turn(self) -> None:
+        """Return when it was our turn to write; nothing is written, and no disk is waited for on SQLite.
+
+        Where another process keeps the lock of all writers, this takes as long as a write would.
+        """
+        await self.write(Transaction.wait_turn)
+
+    def _finished_in_thread(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
+        try:
+            self._running().call_soon_threadsafe(self._finished, jobs, events)
+        except RuntimeError:  # the event loop has ended without closing us
+            return
+
+    def _finished(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
+        for job in jobs:
+            if job.future.done():  # who waited was cancelled
+                continue
+            if job.error is None:
+                job.future.set_result(job.result)
+            else:
+                job.future.set_exception(job.error)
+        self._committed(events)
+
+    def _running(self) -> asyncio.AbstractEventLoop:
+        if self._loop is None:
+            raise StoreError("the store is not started")
+        return self._loop
+
+    def oldest_queued_s(self) -> float:
+        """Return how long the oldest write has waited whose group has not begun."""
+        return self._writer.queued_s()

@@ -6,11 +6,10 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.admitted import while_admitted
+from robomend.api.body import while_admitted
 from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath, reporter_of
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.problems import Problem
+from robomend.api.problems import Problem, problems
 from robomend.api.schemas.repair import (
     ActionOut,
     ActionResultBody,

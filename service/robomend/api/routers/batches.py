@@ -9,8 +9,8 @@ from starlette.responses import FileResponse
 
 from robomend.api.batch_creation import OPENAPI_BODY, create
 from robomend.api.deps import BatchPath, PagingDep, PartsDep, PrincipalDep, ReasonQuery
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.batch import BatchOut
 from robomend.security import API

@@ -7,8 +7,8 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 
 from robomend.api.deps import PartsDep, PrincipalDep, RobotPath
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.repair import BoardOut, ChannelBody
 from robomend.api.views import board_out
 from robomend.security import API

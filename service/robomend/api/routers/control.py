@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request, Response
 
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, ReasonQuery, RobotPath
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.repair import ReasonBody, StopOut
 from robomend.repairs.stop_switch import written
 from robomend.security import API

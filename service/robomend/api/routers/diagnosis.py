@@ -6,10 +6,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.admitted import while_admitted
+from robomend.api.body import while_admitted
 from robomend.api.deps import PartsDep, RobotPath
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.base import MAX_INT
 from robomend.api.schemas.diagnosis import CurrentDiagnosis, ProbesOut
 from robomend.api.views import diagnosis_response, probes_out

@@ -15,8 +15,8 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request, Response
 from starlette.responses import FileResponse, HTMLResponse
 
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.errors import NotFound
 
 STATIC = pathlib.Path(__file__).resolve().parents[1] / "static"

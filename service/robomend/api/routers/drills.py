@@ -5,8 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from robomend.api.deps import DrillPath, PagingDep, PartsDep, PrincipalDep, RobotPath
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.drill import DrillBody, DrillDecisionBody, DrillOut
 from robomend.security import API

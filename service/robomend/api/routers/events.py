@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query
 
 from robomend.api.deps import PartsDep, RobotPath, StillDep
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.base import NAME
 from robomend.api.streams import EventStream
 from robomend.security import API

@@ -3,18 +3,59 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Path
+from pydantic import Field
 
 from robomend.api.deps import PagingDep, Parts, PartsDep, PrincipalDep
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas.base import NAME, Items
-from robomend.api.schemas.notifications import NotificationOut, RecipientOut, Recipients
+from robomend.api.problems import problems
+from robomend.api.schemas.base import NAME, Items, Moment, Nanoseconds, Out, moment_of
 from robomend.security import API
 from robomend.store import notifications
 from robomend.store.records import StoredNotification
+
+# --- who is told, of what, and whether it arrived.
+
+
+class RecipientOut(Out):
+    """Somebody who is told, as the settings name them."""
+
+    name: str = Field(examples=["duty"])
+    kind: Literal["webhook", "mail"]
+    to: str = Field(
+        description="mail addresses, or the host of a webhook", examples=["https://hooks.example/…"]
+    )
+    about: list[str] = Field(examples=[["approval", "change", "escalated", "stop", "unknown"]])
+    robots: list[str] = Field(description="patterns of ids", examples=[["tedusar-*"]])
+
+
+class Recipients(Out):
+    """Everybody who is told."""
+
+    items: list[RecipientOut]
+    public_url: str | None = Field(
+        description="links begin so; null: there are none", examples=["https://robots.example"]
+    )
+
+
+class NotificationOut(Out):
+    """What one recipient was told, or is to be told."""
+
+    id: str = Field(examples=["n-17"])
+    recipient: str = Field(examples=["duty"])
+    about: Literal["approval", "escalated", "change", "unknown", "stop", "test"]
+    robot: str | None = Field(examples=["tedusar-1"])
+    repair: str | None = Field(examples=["r-7k2m9x4q"])
+    title: str = Field(examples=["tedusar-1: a plan waits for a yes"])
+    text: str = Field(examples=["diagnosis: jaguar\nplan: power_up(jaguar)"])
+    created_ns: Nanoseconds
+    created: Moment = moment_of("created_ns")
+    state: Literal["waiting", "delivered", "given-up"]
+    tries: int = Field(examples=[1])
+    answer: str = Field(description="to the last try", examples=["answered 200"])
+
 
 router = APIRouter(prefix=API, tags=["control"], route_class=GuardedRoute)
 

@@ -21,9 +21,9 @@ from robomend.api.deps import (
     principal_of,
     reporter_of,
 )
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ingestion import NDJSON, OPENAPI_BODY, ingest, read_batch
+from robomend.api.problems import problems
 from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
 from robomend.api.views import accepted_response, obs_out
 from robomend.security import API

@@ -7,8 +7,8 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from robomend.api.deps import PartsDep
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair import OneShotPlanBody

@@ -15,15 +15,43 @@ import asyncio
 from typing import Any
 
 from fastapi import APIRouter, Response
+from pydantic import Field
 
-from robomend.api.deps import Parts, PartsDep
-from robomend.api.documented import problems
+from robomend.api.deps import Parts, PartsDep, PrincipalDep
 from robomend.api.gate import GuardedRoute
-from robomend.api.problems import RETRY_AFTER_S, Problem
-from robomend.api.schemas.operation import Check, Readiness
-from robomend.api.store_probe import ANSWER_S, LoopWatch
+from robomend.api.problems import RETRY_AFTER_S, Problem, problems
+from robomend.api.schemas.base import Out
+from robomend.api.store_probe import ANSWER_S, Check, LoopWatch
 from robomend.metrics import CONTENT_TYPE
+from robomend.security import API, RULES
 from robomend.version import version_info
+
+# --- whether the service can serve
+
+
+class Readiness(Out):
+    """Whether this instance can serve requests."""
+
+    ready: bool
+    checks: dict[str, Check]
+
+
+class Operation(Out):
+    """Something that may be asked for."""
+
+    method: str = Field(examples=["GET"])
+    path: str = Field(description="a template", examples=["/api/v1/robots/{robot}"])
+
+
+class Root(Out):
+    """What this service is, and what whoever asks may do."""
+
+    name: str = Field(examples=["robomend"])
+    version: str
+    operations: list[Operation]
+    openapi: str = "/openapi.json"
+    docs: str = "/docs"
+
 
 QUEUE_AGE_S = 2.0
 """Of the oldest write, beyond which clients had better go elsewhere."""
@@ -121,3 +149,17 @@ async def metrics(parts: PartsDep) -> Response:
 async def get_version_info() -> dict[str, Any]:
     """Return the versions of robomend and of the parts that decide its answers."""
     return version_info()
+
+
+# --- /api/v1: what there is, for programs that find their way.
+
+
+@router.get(API, responses=problems())
+async def get_root(principal: PrincipalDep) -> Root:
+    """Return what this service can do for whoever asks, and where the rest is said."""
+    operations = [
+        Operation(method=method, path=path)
+        for (method, path), roles in RULES.items()
+        if path.startswith(API) and (roles is None or principal.role in roles)
+    ]
+    return Root(name="robomend", version=version_info()["robomend"] or "0", operations=operations)

@@ -24,8 +24,8 @@ from robomend.api.deps import (
     needs_etag,
     quoted,
 )
-from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.models import FiveKeyOut
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut

@@ -1,12 +1,12 @@
-"""/session: a browser signs in with a key, and is known by a cookie then; see robomend.api.sign_in."""
+"""/session: a browser signs in with a key, and is known by a cookie then; see robomend.api.gate."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
 
 from robomend.api.deps import PrincipalDep
-from robomend.api.documented import problems
 from robomend.api.gate import Admission, GuardedRoute
+from robomend.api.problems import problems
 from robomend.api.schemas.session import SessionOut, SignInBody
 from robomend.api.views import session_out
 from robomend.security import API
