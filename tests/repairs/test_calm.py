@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,7 +16,7 @@ from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Outcome, Plan, Step
-from robomend.repairs.calm import Calm
+from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Attendance
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -45,7 +46,8 @@ def calm(other: DiagnosisResult) -> Calm:
         raise AssertionError("nothing is waited for")
 
     known = (Literal(SCAN), Literal(MAP, False))
-    state = cast(Any, SimpleNamespace(sight=SimpleNamespace(vouched=lambda: known)))
+    sight, system = SimpleNamespace(vouched=lambda: known), SimpleNamespace(parts=None)
+    state = cast(Any, SimpleNamespace(sight=sight, system=system))
     nobody = cast(Any, None)
     return Calm(state, nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
 
@@ -53,6 +55,12 @@ def calm(other: DiagnosisResult) -> Calm:
 async def test_what_is_repaired_in_any_case_need_not_wait() -> None:
     other = diagnosed(("mapping", "driver"), ("mapping",))
     assert not await calm(other)._may_change(diagnosed(("mapping",)), [SCAN])
+
+
+async def test_a_verdict_that_takes_one_more_fault_is_not_waited_for() -> None:
+    """Faults that have nothing to do with each other begin in the same second once in a robot's life."""
+    now, more = diagnosed(("mapping",), ("driver",)), diagnosed(("mapping", "base"), ("driver", "base"))
+    assert not await calm(more)._may_change(now, [SCAN])
 
 
 async def test_health_would_change_it() -> None:
@@ -151,3 +159,25 @@ async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_
         }
         hearing._complete = True
         assert {str(atom) for atom in await hearing.unheard()} == {"ok(odom)", "running(lidar_node)"}
+
+
+async def test_of_many_pending_verdicts_only_those_count_that_the_suspects_may_turn(tmp_path: Path) -> None:
+    """With more than are tried one by one, and none that has to do with what is wrong, nobody waits."""
+    others = "".join(f"  n{n}: {{publishes: {{t{n}: []}}}}\n" for n in range(2 * MOST_FLIPS))
+    async with waiting_for_verdicts(tmp_path, MODEL + others) as (runtime, _):
+        state = await runtime.robots.memory.robot("r1")
+        now_ns = CLOCK.now_ns()
+        good = {f"t{n}": (True, 1.0) for n in range(2 * MOST_FLIPS)}
+        await said(runtime, now_ns, "agent", scan=(False, 1), map=(False, 1), **good)
+        nobody = cast(Any, None)
+        about = partial(runtime.robots.diagnosing.of, state)
+
+        async def choose(result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
+            raise AssertionError("nothing needs to be planned for this")
+
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, about, choose, lambda name: 0.0)
+        result = await about(state.literals())
+        pending = [Atom("ok", (topic,)) for topic in good]
+        assert not await calm._may_change(result, pending)
+        with pytest.raises(AssertionError, match="planned for"):  # the suspects may turn this one
+            await calm._may_change(result, [*pending, Atom("on", ("lidar",))])

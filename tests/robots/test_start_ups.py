@@ -14,7 +14,14 @@ from robomend.entry import Entry
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.robots import start_ups
 from robomend.robots.declared import Delays
-from robomend.robots.start_ups import BOOTS_NS, LATEST, LEAST_NS, SLACK_NS, StartUps
+from robomend.robots.start_ups import (
+    BOOTS_NS,
+    LATEST,
+    LEAST_NS,
+    OFTEN_BOOTED,
+    SLACK_NS,
+    StartUps,
+)
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -335,12 +342,16 @@ def test_what_is_known_of_boots_and_starts_is_what_they_have_at_a_boot() -> None
     assert StartUps().at_boot_ns(alone, 990 * S, PARTS, seen) == 3 * S
 
 
-def test_a_driver_is_started_twice_before_its_device_of_unknown_boot_is_waited_for() -> None:
+def test_the_driver_of_a_device_of_unknown_boot_is_started_at_once_and_then_after_ever_longer() -> None:
     found, seen = StartUps(), Seen()
     found.acted(Action("a", "power_up", ("lidar",), 1.0), 999 * S, 999 * S)
-    for _ in range(2):
-        assert found.drivable_ns("driver", PARTS, seen) <= 1000 * S
-        found.acted(Action("b", "start_node", ("driver",), 1.0), 1000 * S, 1000 * S)
+    assert found.drivable_ns("driver", PARTS, seen) <= 1000 * S
+    found.acted(Action("b", "start_node", ("driver",), 1.0), 1000 * S, 1000 * S)
+    assert found.drivable_ns("driver", PARTS, seen) == 1000 * S + BOOTS_NS // OFTEN_BOOTED
+    found.recall({"scan": [StoredStart(4 * S, 4 * S, True, True)]}, PARTS)  # it was seen with its power
+    assert found.drivable_ns("driver", PARTS, seen) == 1000 * S + 6 * S
+    found.recall({}, PARTS)
+    found.acted(Action("b", "start_node", ("driver",), 1.0), 1000 * S, 1000 * S)
     assert found.drivable_ns("driver", PARTS, seen) == 1000 * S + BOOTS_NS
     assert found.booting("driver", PARTS, seen) == ("lidar",)
     assert found.all_booted_ns(PARTS, seen) == 1000 * S + BOOTS_NS

@@ -32,9 +32,6 @@ from robomend_client.rest.retry import Retry
 
 USUAL = Reporting()
 
-SECOND_EAR = "second-ear"
-"""An agent that contradicts another."""
-
 CUT_S = 0.2
 """How long it takes to see that nobody can be reached."""
 

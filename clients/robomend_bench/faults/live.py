@@ -18,14 +18,22 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.faults.agents import SECOND_EAR, HostAgent
+from robomend_bench.faults.agents import HostAgent
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Scenario
 from robomend_bench.faults.condition import Act, State
 from robomend_bench.faults.kinds import Fault
 from robomend_bench.faults.observing import HostObservers, Preset
 from robomend_bench.faults.power import RobotBoard
-from robomend_bench.faults.record import Acted, Arrived, Credited, Diagnosed, Record, RepairSeen
+from robomend_bench.faults.record import (
+    SECOND_EAR,
+    Acted,
+    Arrived,
+    Credited,
+    Diagnosed,
+    Record,
+    RepairSeen,
+)
 from robomend_bench.faults.robot import Robot
 from robomend_client.actions import ActionResult
 from robomend_client.events import Event, Kind

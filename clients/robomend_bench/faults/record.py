@@ -5,13 +5,16 @@ Times are seconds; 0 is when the first fault began (in a stretch without faults,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from robomend_bench.faults.classes import Blind
 from robomend_bench.faults.condition import Act, DeviceCondition, NodeCondition, State
 from robomend_bench.faults.kinds import Fault
 from robomend_client.literals import Atom, Literal
+
+SECOND_EAR = "second-ear"
+"""An agent that contradicts another."""
 
 ENDED = frozenset({"repaired", "unconfirmed", "escalated", "cancelled", "failed"})
 """States that a repair does not leave."""
@@ -141,6 +144,34 @@ class Record:
         """The ids of the repairs that have not ended."""
         ended = {seen.id for seen in self.repairs if seen.state in ENDED}
         return {seen.id for seen in self.repairs} - ended
+
+    def told(self) -> list[tuple[float, Mapping[Atom, bool]]]:
+        """Return what was known of the robot's reports, each with since when: what has arrived, was not taken
+        back, and lives; with a stand-in, which hears all at once, what was said.
+        """
+        if not self.arrived:
+            all_of_it: dict[Atom, bool] = {}
+            found: list[tuple[float, Mapping[Atom, bool]]] = []
+            for at_s, literals in self.said:
+                all_of_it = all_of_it | {literal.atom: literal.positive for literal in literals}
+                found.append((at_s, all_of_it))
+            return found
+        held: dict[Atom, tuple[bool, float]] = {}
+        waiting = [batch for batch in self.arrived if batch.agent != SECOND_EAR]
+        times = sorted({at_s for b in waiting for at_s in (b.at_s, b.at_s + b.lifetime_s)})
+        waiting.reverse()
+        found = []
+        for at_s in times:
+            while waiting and waiting[-1].at_s <= at_s:
+                batch = waiting.pop()
+                until_s = batch.at_s + batch.lifetime_s
+                held.update({literal.atom: (literal.positive, until_s) for literal in batch.literals})
+                for atom in batch.unknown:
+                    held.pop(atom, None)
+            known = {atom: positive for atom, (positive, until_s) in held.items() if until_s > at_s}
+            if not found or known != found[-1][1]:
+                found.append((at_s, known))
+        return found
 
     def state_at(self, at_s: float) -> State:
         """Return the truth at a time."""

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from robomend_bench.faults.agents import SECOND_EAR
 from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.condition import (
     Act,
@@ -28,7 +27,7 @@ from robomend_bench.faults.condition import (
 from robomend_bench.faults.field import BY_NAME
 from robomend_bench.faults.kinds import FOR_EVER, PASSING, begun, settled
 from robomend_bench.faults.observing import PRESETS, aspects_delay_s
-from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
+from robomend_bench.faults.record import SECOND_EAR, Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
 from robomend_bench.faults.times import Part, where_time_goes
 from robomend_bench.faults.universe import touched
@@ -101,7 +100,7 @@ class Score:
         """How much of detection → repaired the robot itself did not need: for acts, starts, and observers."""
         if self.repaired_s is None:
             return None
-        needed = (Part.ACTS, Part.ROBOT, Part.OBSERVERS, Part.PASSES)
+        needed = (Part.ACTS, Part.ROBOT, Part.OBSERVERS, Part.STAYS, Part.PASSES)
         return self.repaired_s - sum(self.parts.get(str(part), 0.0) for part in needed)
 
     @property
@@ -508,12 +507,10 @@ class _Scoring:
             for literal in self.anatomy.healthy
             if not (board and literal.atom.predicate == "on") and literal.atom not in unknown
         }
-        held: dict[Atom, bool] = {}
         complete_s: float | None = None
-        for at_s, literals in self.record.said:
+        for at_s, held in self.record.told():
             if at_s > until_s:
                 break
-            held.update({literal.atom: literal.positive for literal in literals})
             if all(held.get(atom) == sign for atom, sign in wanted.items()):
                 complete_s = at_s if complete_s is None else complete_s
             else:

@@ -16,7 +16,7 @@ moment without power: to boot, to start, and for its observers to say so.
 from __future__ import annotations
 
 import time
-from collections.abc import Awaitable, Callable, Collection, Iterable
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
@@ -25,9 +25,9 @@ from robomend.model.components import ComponentModel
 from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
 from robomend.planning.cures import power_cuts
-from robomend.planning.influence import needed, published, touched
+from robomend.planning.influence import influenced, needed, published, touched
 from robomend.planning.plan import Plan
-from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
@@ -264,20 +264,28 @@ class Calm:
         return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
-        """Return whether one of the pending verdicts could change what is done first."""
-        if len(left) > MOST_FLIPS or not result.diagnoses:  # none found in time: there is no act yet
+        """Return whether one of the pending verdicts could change what is done first, where it is due to the
+        same fault.
+        """
+        if not result.diagnoses:  # none found in time: there is no act yet
             return True
         known = {literal.atom: literal for literal in self._state.sight.vouched()}
+        rest = [literal for atom, literal in known.items() if atom not in set(left)]
+        unknown = await self._diagnose(rest)
+        left = self._theirs(unknown, left, known)
+        if len(left) > MOST_FLIPS:
+            return True
         now = bad_sets(result)
         common = frozenset[str].intersection(*map(frozenset, now))
         others: dict[frozenset[tuple[str, ...]], tuple[DiagnosisResult, list[Literal]]] = {}
-        for literals in _variants(known, sorted(left)):
-            other = await self._diagnose(literals)
+        for literals in (rest, *_variants(known, sorted(left))):
+            other = unknown if literals is rest else await self._diagnose(literals)
             if other.healthy:
                 return True
             sets = bad_sets(other)
             repaired_anyhow = len(now) == 1 and bool(sets) and all(common <= set(bad) for bad in sets)
-            if sets != now and not repaired_anyhow:
+            another = bool(sets) and least(sets) > least(now)  # a fault of its own, which begins just now
+            if sets != now and not repaired_anyhow and not another:
                 others.setdefault(sets, (other, literals))
         if not others:
             return False
@@ -289,10 +297,28 @@ class Calm:
                 return True
         return False
 
+    def _theirs(
+        self, unknown: DiagnosisResult, left: Collection[Atom], known: Mapping[Atom, Literal]
+    ) -> Collection[Atom]:
+        """Return those of the verdicts that may come out otherwise by the faults which are suspected while
+        they are unknown: all others take a fault of their own. What is bad may be good in any case.
+        """
+        parts, suspects = self._state.system.parts, frozenset[str]().union(*bad_sets(unknown))
+        if parts is None or not suspects:
+            return left
+        _, system, _ = self._state.question(())
+        theirs = influenced(parts, theory_of(system.cnf), suspects, left)
+        return [atom for atom in left if atom in theirs or (atom in known and not known[atom].positive)]
+
 
 def bad_sets(result: DiagnosisResult) -> frozenset[tuple[str, ...]]:
     """Return what each diagnosis blames."""
     return frozenset(diagnosis.bad for diagnosis in result.diagnoses)
+
+
+def least(sets: Iterable[tuple[str, ...]]) -> int:
+    """Return how many faults it takes at least."""
+    return min(map(len, sets))
 
 
 def first_acts(choice: Choice) -> frozenset[str]:
@@ -301,10 +327,9 @@ def first_acts(choice: Choice) -> frozenset[str]:
 
 
 def _variants(known: dict[Atom, Literal], left: list[Atom]) -> Iterable[list[Literal]]:
-    """Return what else may be observed soon: all of it bad, all unknown, each alone otherwise."""
+    """Return what else may be observed soon: all of it bad, each alone otherwise."""
     rest = [literal for atom, literal in known.items() if atom not in set(left)]
     yield [*rest, *(Literal(atom, False) for atom in left)]
-    yield rest
     for atom in left:
         held = known.get(atom)
         others = [literal for other, literal in known.items() if other != atom]

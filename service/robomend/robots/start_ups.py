@@ -34,6 +34,10 @@ LATEST = 8
 TOO_EARLY = 2
 """So often a repair starts the driver of a device that may be booting, before it waits for that."""
 
+OFTEN_BOOTED = 3
+"""The second time a third of what it may boot at most has passed: most devices have booted by then, and a
+driver that waits for its device by itself speaks."""
+
 LONGEST_NS = 120 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
 
@@ -471,16 +475,21 @@ class StartUps:
     def drivable_ns(self, node: str, parts: ComponentModel, seen: Seen) -> int:
         """Return when all devices of a node will have booted; 0: nothing says.
 
-        Of a device of which nothing says how long it boots a node is started at once, and once more should it
-        have been too early; after that, when it has surely booted.
+        Of a device of which nothing says how long it boots a node is started at once, and should that have
+        been too early once more, when it has often booted; after that, when it surely has.
         """
         devices = self._devices(parts.nodes[node], parts) if node in parts.nodes else ()
         return max((self._bootable_ns(node, each, parts, seen) for each in devices), default=0)
 
     def _bootable_ns(self, node: str, device: str, parts: ComponentModel, seen: Seen) -> int:
         booted_ns, power_ns = self.booted_ns(device, parts, seen), self._power_ns(device, seen)
-        again = power_ns and parts.hardware[device].boot_s is None and self._orders.get(node, 0) >= TOO_EARLY
-        return power_ns + BOOTS_NS if again else booted_ns
+        orders = self._orders.get(node, 0)
+        if not orders or not power_ns or parts.hardware[device].boot_s is not None:
+            return booted_ns
+        starts = (self._took[topic].all() for topic in parts.nodes[node].publishes if topic in self._took)
+        if took := [start.took_ns for known in starts for start in known if start.powered]:
+            return power_ns + _with_room(max(took))
+        return power_ns + (BOOTS_NS if orders >= TOO_EARLY else BOOTS_NS // OFTEN_BOOTED)
 
     def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
         """Return the devices of a node that have not booted yet, by what is known of them."""

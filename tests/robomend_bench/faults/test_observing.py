@@ -58,6 +58,14 @@ def test_an_agent_that_was_held_up_does_not_take_it_for_silence() -> None:
     assert [c for c in host.check(8.0, ALL, {}) if c.atom == Atom("ok", ("map",))] == []
 
 
+def test_what_was_heard_once_of_a_latched_topic_is_known_after_its_agent_was_held_up() -> None:
+    host = HostObservers(find_robot("cart").anatomy, None, FAST, 0.0)
+    host.message("map", 0.5)
+    assert "ok(map)" in said(host, 1.0)
+    host.lapse(9.0)
+    assert "ok(map)" in said(host, 10.0)
+
+
 def test_what_a_bridge_does_not_hear_is_unknown_though_a_message_was_on_its_way_when_it_left() -> None:
     host = fed()
     host.message("map", 2.0)

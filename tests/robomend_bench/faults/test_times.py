@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from tests.robomend_bench.faults.small import ROBOT, with_faults
+from tests.robomend_bench.faults.small import MODEL, ROBOT, with_faults
 
-from robomend_bench.faults.condition import HEALTHY, Act
+from robomend_bench.faults.anatomy import read_anatomy
+from robomend_bench.faults.condition import HEALTHY, Act, abnormal, after
 from robomend_bench.faults.kinds import Fault
-from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
+from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.record import SECOND_EAR, Acted, Arrived, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.scoring import score
 from robomend_bench.faults.standins import play_with
@@ -67,18 +69,72 @@ def hung_mapper() -> Record:
 def test_every_part_has_its_moments_and_nothing_is_left_over() -> None:
     found = where_time_goes(hung_mapper(), ROBOT, 1.0, 9.1)
     wanted = {
-        Part.BEGINS: 0.2,
-        Part.DECIDES: 0.6 + 0.3,
+        Part.BEGINS: 0.0,
+        Part.DECIDES: 0.3,
         Part.ACTS: 0.1 + 0.2 + 0.1 + 0.3,
-        Part.BETWEEN: 0.1 + 0.3 + 0.1 + 0.1,
+        Part.BETWEEN: 0.1,
         Part.ROBOT: 0.6,  # until both topics are there again
-        Part.OBSERVERS: 0.5 + 0.7,
+        Part.OBSERVERS: 0.9 + 0.3 + 0.5 + 0.1 + 0.7,  # `path` is told late, then who has stopped, and is back
+        Part.STAYS: 0.0,
         Part.PASSES: 0.0,
-        Part.MISSING: 3.5,  # `path` is told at last, and nothing more is to come
+        Part.MISSING: 3.5,  # nothing more is to come
         Part.CONCLUDES: 0.4,
     }
     assert found == pytest.approx(wanted)
     assert sum(found.values()) == pytest.approx(8.1)
+
+
+def test_what_has_not_arrived_was_taken_back_or_has_lapsed_is_not_told() -> None:
+    record = Record(Trial("small", "hung-node", 1, 1), "fast")
+    good, bad, other = holds("ok", "map"), fails("ok", "map"), holds("ok", "path")
+    record.arrived = [
+        Arrived(-3.0, "one", (good, other), (), 5.0),
+        Arrived(1.0, "one", (bad,), (), 5.0),
+        Arrived(1.5, SECOND_EAR, (fails("ok", "path"),), (), 5.0),
+        Arrived(3.0, "one", (), (bad.atom,), 5.0),
+        Arrived(4.0, "one", (good,), (), 1.0),
+    ]
+    record.said = [(0.5, (bad,)), (2.5, (good,))]
+    ok = good.atom
+    assert [(at_s, held) for at_s, held in record.told() if held] == [
+        (-3.0, {ok: True, other.atom: True}),
+        (1.0, {ok: False, other.atom: True}),
+        (2.0, {ok: False}),
+        (4.0, {ok: True}),
+    ]
+    assert record.told()[-1] == (5.0, {})
+
+
+def test_a_device_that_boots_before_its_driver_can_start_is_the_robots_own_time() -> None:
+    """Not that of a driver which waits for its device by itself, and could have been started."""
+    for hasty, part in ((True, Part.ROBOT), (False, Part.DECIDES)):
+        physics = {"devices": {"lidar": {"boot_s": 20.0}}, "nodes": {"driver": {"hasty": hasty}}}
+        robot = read_anatomy(MODEL, physics)
+        off = with_faults(("lidar", "off"), anatomy=robot)
+        on = after(robot, off, Act("power_up", ("lidar",)))[0]
+        assert dict(on).keys() == {"driver"}
+        record = hung_mapper()
+        record.states = [(0.0, off), (2.0, on)]
+        record.acts, record.repairs = [], [seen(1.2, "waiting")]
+        odd = {literal.atom: literal for literal in abnormal(robot, on)}
+        record.said = [(0.5, tuple(odd.get(each.atom, each) for each in robot.healthy))]
+        found = where_time_goes(record, robot, 5.0, 30.0)
+        assert found[part] >= 17.0
+        assert found[Part.DECIDES] == pytest.approx(8.0 if hasty else 25.0)
+
+
+def test_what_is_right_again_must_stay_so_for_as_long_as_its_observer_needs_to_see_it_fail() -> None:
+    half = with_faults(("mapper", "half-rate"))
+    record = hung_mapper()
+    record.states = [(0.0, half), (7.0, HEALTHY)]
+    record.acts, record.silences = [], []
+    record.repairs = [seen(1.2, "running"), seen(7.5, "verifying")]
+    record.said = [(-1.0, tuple(ROBOT.healthy))]
+    found = where_time_goes(record, ROBOT, 7.0, 15.0)
+    needs_s = PRESETS["fast"].delay_s(ROBOT.topics["map"].rate_hz)
+    assert needs_s > 1.0
+    assert found[Part.STAYS] == pytest.approx(needs_s)
+    assert found[Part.CONCLUDES] == pytest.approx(8.0 - needs_s)
 
 
 @pytest.mark.parametrize("trial", ["base/hung-node/1.1", "underwater/feed/1.2", "loops/loop/1.3"])
