@@ -4,7 +4,7 @@
     {"do": "subscribe", "topic": "/diagnosis", "type": …}    what comes is printed: {"heard": topic, …}
 
 `raw` instead of `value`: bytes in hexadecimal, whatever the type. `stamped`: a header has the robot's time,
-less `behind_s`. `moves`: a number counts up.
+less `behind_s`. `moves`: the number that counts up, as `data` or `acceleration.z`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import json
 import sys
 import threading
 from collections.abc import Callable
+from functools import reduce
 from typing import Any
 
 import rclpy
@@ -113,8 +114,10 @@ class Commands:
                 behind = Duration(seconds=line.get("behind_s", 0))
                 header = getattr(message, "header", message)
                 header.stamp = (self.node.get_clock().now() - behind).to_msg()
-            if line.get("moves"):
-                message.data += 1
+            if moves := line.get("moves"):
+                *path, last = moves.split(".")
+                part = reduce(getattr, path, message)
+                setattr(part, last, getattr(part, last) + 1)
             publisher.publish(message)
 
         if "rate" in line:

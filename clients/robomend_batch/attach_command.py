@@ -231,8 +231,26 @@ class _Attached:
 
         with asking(url, self.wanted.key) as client:
             if file.exists():
+                self._take_answers(client, model, file)
                 client.put_model(model, file.read_text("utf-8"), version=version(client.model, model))
             client.put_robot(self.wanted.name, config, version(client.robot, self.wanted.name))
+
+    def _take_answers(self, client: Any, model: str, file: Path) -> None:
+        """Write into the model's file what was answered on the page meanwhile."""
+        from robomend.model.answers import answers_of, with_answers
+        from robomend_client.rest.errors import NotFound
+
+        try:
+            stored = str(client.model(model).value["source"])
+        except NotFound:
+            return
+        text = file.read_text("utf-8")
+        answered = with_answers(text, answers_of(stored))
+        if answered != text:
+            _replace(file, answered)
+            if self._written.get(file.name) == text:
+                self._written[file.name] = answered
+            click.echo(f"answered on the page, and written into {file}")
 
     # --- listening -------------------------------------------------------------------------------------
 
@@ -309,9 +327,10 @@ class _Attached:
         self, stage: Stage, url: str, make: Callable[..., Hearing], heard: Heard, agent: Any
     ) -> None:
         """Say how the robot is, whenever that changes, and have joined what comes later."""
+        from robomend.cli.init.described import model_file
         from robomend_client.rest import Client, ClientError
 
-        said = ""
+        said, file = "", model_file(self.wanted.name)
         later = make(frozenset(heard.graph.publishers))
         listening = asyncio.create_task(later.run())
         looked_s = time.monotonic()
@@ -328,6 +347,8 @@ class _Attached:
                             said = now
                     if time.monotonic() - looked_s > JOIN_LOOK_S and not listening.done():
                         looked_s = time.monotonic()
+                        with contextlib.suppress(ClientError):
+                            self._take_answers(client, self.wanted.name, self.wanted.folder / file)
                         more = joined(heard, later.heard().within(self.wanted.namespace), self.wanted.seconds)
                         if more is not None and self._unchanged():
                             new = sorted(more.graph.nodes - heard.graph.nodes)
@@ -551,8 +572,9 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     Raises:
         InputError: what was heard makes no model, or a file cannot be written.
     """
-    from robomend.cli.init.described import Described, files_of
+    from robomend.cli.init.described import Described, files_of, model_file
     from robomend.cli.schema import FILES, schema_name, schema_text
+    from robomend.model.answers import answers_of, with_answers
 
     bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
     heard = with_files(heard, wanted.launch, wanted.analyzers)
@@ -565,6 +587,8 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
             path = wanted.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             old = path.read_text("utf-8") if path.exists() else None
+            if old is not None and name == model_file(wanted.name):
+                text = with_answers(text, answers_of(old))
             new = text if old is None else settled(old, text)
             if old == new or (old is not None and name.startswith("schemas/")):
                 continue
@@ -573,9 +597,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
                     _show_diff(path, old, new)
                 if not wanted.update:
                     continue
-            beside = path.with_suffix(".tmp")
-            beside.write_text(new, "utf-8")
-            beside.replace(path)
+            _replace(path, new)
             if not name.startswith("schemas/"):
                 written[name] = new
                 if not quietly:
@@ -583,6 +605,12 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     except OSError as error:
         raise InputError(f"{error.filename} cannot be written: {error.strerror}") from error
     return written
+
+
+def _replace(path: Path, text: str) -> None:
+    beside = path.with_suffix(".tmp")
+    beside.write_text(text, "utf-8")
+    beside.replace(path)
 
 
 def _show_diff(path: Path, old: str, new: str) -> None:

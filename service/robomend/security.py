@@ -181,6 +181,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", "/ui/models"): READ,
     ("POST", "/ui/models"): ACT,
     ("GET", "/ui/models/{name}"): READ,
+    ("POST", "/ui/models/{name}/answers"): ACT,
     ("GET", "/ui/models/{name}/compare"): READ,
     ("GET", "/ui/models/{name}/isolability"): READ,
     ("GET", "/ui/what-if"): READ,

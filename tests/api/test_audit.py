@@ -41,6 +41,12 @@ TOLD_ELSEWHERE = {
     ("POST", f"{API}/changes/{{change}}"),
 }
 
+ASKING = f"""{TEDUSAR}
+# It was made by listening for 60 s.
+# Questions that listening does not answer:
+#   scan was silent all the time: is that so by design?
+"""
+
 BOARD = {"host": "127.0.0.1", "port": 1}
 """Nobody listens there: what was asked for is told all the same, and that it failed."""
 
@@ -88,7 +94,14 @@ STEPS = (
     Step(("POST", "/ui/sign-in"), "session.begin", reason=""),
     Step(("POST", "/ui/sign-out"), "session.end", body={}, reason=""),
     Step(rule("PUT", "/models/{name}"), "model.put", body={"source": TEDUSAR}),
-    Step(("POST", "/ui/models"), "model.put", body={"name": "formed", "source": TEDUSAR}, in_body=True),
+    Step(("POST", "/ui/models"), "model.put", body={"name": "formed", "source": ASKING}, in_body=True),
+    Step(
+        ("POST", "/ui/models/{name}/answers"),
+        "model.put",
+        body={"question": "scan was silent all the time: is that so by design?", "answer": "yes"},
+        places={"name": "formed"},
+        in_body=True,
+    ),
     Step(
         rule("PUT", "/robots/{robot}"),
         "robot.put",
@@ -268,7 +281,7 @@ class Walk:
             head = {"Cookie": self.cookie, "Origin": self.service.url}
         params = {"reason": step.reason} if step.reason and not step.in_body else {}
         body = {**step.body, "reason": step.reason} if step.in_body else step.body
-        path = template.format(**self.places)
+        path = template.format(**{**self.places, **step.places})
         sent: dict[str, Any] = {"data": body} if step.form else {"json": body}
         if step.rule == ("POST", "/ui/batches"):
             sent["files"] = {"observers": ("", b"")}  # a form with files, of which none was chosen

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import httpx
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
@@ -118,6 +119,14 @@ def rover2(ros: Ros2Robot) -> None:
     planner.do("serve", name="/navigate")
 
 
+def answer(page: str, question: str, said: str) -> None:
+    """Answer a question of a robot's page, as its form does."""
+    url, _, robot = page.partition("/ui/robots/")
+    form = {"robot": robot, "question": question, "answer": said}
+    answer = httpx.post(f"{url}/ui/models/{robot}/answers", data=form, headers={"Origin": url}, timeout=60)
+    assert answer.status_code == 303, answer.text
+
+
 @pytest.mark.timeout(400)
 def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: Path) -> None:
     with ros2_robot(tmp_path) as ros:
@@ -127,11 +136,15 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
             assert "unhealthy" not in attach.said
             refused = run(["attach", "--seconds", SECONDS, str(tmp_path / "robot")])
             assert refused == 2  # one at a time
+            page = attach.until_said("^the page: ").removeprefix("the page: ")
+            answer(page, "lidar_driver", "lidar")
+            attach.until_said("^answered on the page")
             ros.nodes["lidar_driver"].kill()
             attach.until_said(r"unhealthy: lidar_driver$")
             assert attach.end() == 0
     model = load_model(tmp_path / "robot" / "robot-model.yaml").parts
     assert model is not None
+    assert model.nodes["lidar_driver"].drives == ("lidar",)
     assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan",)}
     assert model.nodes["planner"].publishes == {"plan": ("pose",), "cmd_vel": ()}
     assert [name for name, topic in model.topics.items() if topic.silent] == ["cmd_vel", "map"]

@@ -61,6 +61,47 @@ def awaiting(service: Service, look: Look, robot: str) -> Page:
     return page
 
 
+LISTENED = """
+# It was made by listening for 60 s: what a number rests on is beside it.
+robomend: 1
+name: heard
+nodes:
+  camera:
+    # drives: []
+    publishes:
+      image: []
+  lidar_driver:
+    # drives: []
+    publishes:
+      scan: []
+# Questions that listening does not answer:
+#   which device does camera drive, if any?
+#   rear was silent all the time: is that so by design?
+"""
+
+
+def test_questions_of_a_model_that_was_made_by_listening_are_answered_with_clicks(
+    service: Service, look: Look
+) -> None:
+    service.api("PUT", "/models/heard", json={"source": LISTENED})
+    service.api("PUT", "/robots/heard", json={"model": "heard"})
+    page = live(look(service), "/ui/robots/heard")
+    questions = page.locator("#questions")
+    expect(questions).to_contain_text("made by listening for 60 s: 3 questions")
+    questions.locator("summary").click()
+    questions.get_by_label("lidar_driver drives it").click()
+    expect(page.locator("#questions")).to_contain_text("2 questions")
+    page.get_by_label("camera drives no device").click()
+    expect(page.locator("#questions")).to_contain_text("1 question")
+    page.get_by_label("Yes: rear was silent").click()
+    expect(page.locator("#questions")).to_have_count(0)
+    model = service.api("GET", "/models/heard").json()["source"]
+    assert "hardware:\n  lidar: {blame_hardware: true}\n" in model
+    assert "  lidar_driver:\n    drives: [lidar]\n" in model
+    assert "  camera:\n    drives: []\n" in model
+    assert "is that so by design? yes\n" in model
+
+
 def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     ill: Service, look: Look
 ) -> None:

@@ -101,6 +101,11 @@ MOST_LOGS = 100
 STILL_S, STILL_INTERVALS = 4.0, 20
 """A value that has noise stands still when it is the same for so long."""
 
+LISTENED = "It was made by listening for {} s"
+DRIVES = "    # drives: []"
+QUESTIONS = "# Questions that "
+"""By them the questions of a model are found again (answers.py)."""
+
 SIGNS = {
     "goals": "no goal is aborted",
     "lifecycle": "it stays active, once it was seen to become so",
@@ -274,7 +279,7 @@ class _Draft:
         lines = [f"# A first model of {comment(self.name)}, from {comment(heard.source)}."]
         if self.listened:
             lines += [
-                f"# It was made by listening for {heard.seconds:.0f} s: what a number rests on is beside it.",
+                f"# {LISTENED.format(f'{heard.seconds:.0f}')}: what a number rests on is beside it.",
                 "# What listening does not tell is asked at the end. `robomend model check FILE` checks it.",
             ]
         else:
@@ -311,7 +316,7 @@ class _Draft:
         self._ask()
         if self.asked and (self.listened or heard.launched):
             what = "listening does" if self.listened else "its sources do"
-            lines += ["", f"# Questions that {what} not answer:"]
+            lines += ["", f"{QUESTIONS}{what} not answer:"]
             lines += [f"#   {comment(question)}" for question in self.asked]
         return FirstModel(
             "\n".join(lines) + "\n",
@@ -388,10 +393,13 @@ class _Draft:
                 yield f"  {word(node)}: {{}}    # {why}{heard}"
                 continue
             rests_on = {topic: self.rests_on[topic] for topic in outputs}
+            drives = not self.listened and not inputs
+            if self.listened and not any(rests_on.values()):
+                drives = any(topic in self.steady for topic in outputs)
+            if drives and self.listened:
+                self.asked.append(device_question(node.removeprefix("/")))
             if not inputs:
                 hint = "listens to nothing: probably a driver; of which device?"
-                if any(topic in self.steady for topic in outputs):
-                    self.asked.append(f"which device does {node.removeprefix('/')} drive, if any?")
             elif not self.listened:
                 hint = "all that it publishes rests on all that it listens to: strike out what does not"
             else:
@@ -400,8 +408,8 @@ class _Draft:
                 if unused:
                     hint += f"; not on {', '.join(comment(topic) for topic in unused)}"
             yield f"  {word(node)}:    # {hint}"
-            if not inputs:
-                yield "    # drives: []"
+            if drives:
+                yield DRIVES
             yield "    publishes:"
             for topic in outputs:
                 kind = self.graph.types.get(topic)
@@ -566,6 +574,11 @@ def _legal(graph: RosGraph) -> RosGraph:
 
 def _is_name(name: str) -> bool:
     return name.isprintable() and bool(name.strip("/")) and len(name) <= MAX_NAME
+
+
+def device_question(node: str) -> str:
+    """Return what is asked of a node that rests on no other."""
+    return f"which device does {node} drive, if any?"
 
 
 def is_tool(node: str) -> bool:

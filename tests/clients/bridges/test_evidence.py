@@ -152,7 +152,7 @@ def test_a_value_that_stands_an_old_stamp_and_a_second_publisher_are_reported(
     robot: AnyRobot, tmp_path: Path
 ) -> None:
     imu = robot.node("imu")
-    imu.do("publish", topic="/imu", type="std_msgs/Float64", rate=10, moves=True)
+    imu.do("publish", topic="/imu", type="std_msgs/Float64", rate=10, moves="data")
     imu.do("publish", topic="/scan", type=STAMPED[robot.origin], rate=10, stamped=True)
     imu.do("publish", topic="/odom", type="std_msgs/Float64", rate=10)
     observers: dict[str, dict[str, Any]] = {
@@ -194,7 +194,7 @@ def test_usual_traffic_raises_no_alarm(robot: AnyRobot, tmp_path: Path) -> None:
     with watched(robot, tmp_path, observers) as seen:
         eventually(lambda: seen.service.polls, "the agent", WAIT_S)
         imu = robot.node("imu")  # late
-        imu.do("publish", topic="/imu", type="std_msgs/Float64", rate=20, moves=True)
+        imu.do("publish", topic="/imu", type="std_msgs/Float64", rate=20, moves="data")
         imu.do("publish", topic="/scan", type=STAMPED[robot.origin], rate=20, stamped=True)
         for n in range(5):
             for node in robot.nodes.values():

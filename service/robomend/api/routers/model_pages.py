@@ -15,6 +15,7 @@ from robomend.api.problems import of_error
 from robomend.api.schemas.base import NAME
 from robomend.diagnosis.result import Options
 from robomend.errors import InputError, RobomendError
+from robomend.model.answers import answered
 from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.result_json import result_json
 from robomend.store import models
@@ -91,6 +92,24 @@ async def put_model(request: Request, parts: PartsDep, principal: PrincipalDep) 
         values["excerpt"] = _excerpt(source, problem.extra.get("line"))
         return await page(request, "model_refused.html", problem.status, **around, **values)
     return back(f"/ui/models/{name}")
+
+
+@router.post("/ui/models/{name}/answers")
+async def answer(request: Request, name: ModelPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Put an answer to a question that a first model asks into its text, as a new version."""
+    form = await read_form(request)
+    model, _ = await parts.robots.models.current(name)
+    question, said = form.get("question", ""), form.get("answer", "")
+    await parts.robots.models.put(
+        name,
+        answered(model.source, question, said),
+        format=None,
+        expected=model.version,
+        by=principal.name,
+        reason=reason_of(form) or f"{question}: {said or 'nothing'}",
+    )
+    robot = form.get("robot", "")
+    return back(f"/ui/robots/{robot}" if _named(robot) else f"/ui/models/{name}")
 
 
 @router.get("/ui/what-if")

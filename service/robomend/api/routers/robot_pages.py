@@ -18,6 +18,7 @@ from robomend.api.routers.moments import moment_out
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
+from robomend.model.answers import questions_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.repairs.headline import of_robot
 from robomend.robots.batches import Batch
@@ -76,6 +77,9 @@ async def robot_page(
     if "state" in wanted:
         values["findings"] = await parts.repairs.findings(robot)
         values["quarantine"] = await parts.repairs.quarantined(robot)
+        if state.stored.model is not None:
+            model, _ = await parts.robots.models.current(state.stored.model)
+            values["questions"] = questions_of(model.source)
     if "repair" in wanted:
         values |= await _planned(parts, robot) if plan else {"planned": None, "no_plan": ""}
     if "diagnosis" in wanted:

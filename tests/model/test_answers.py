@@ -1,0 +1,95 @@
+"""What a first model asks, and answers that become lines of it."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.model.test_from_graph import came, heard
+
+from robomend.errors import InputError
+from robomend.model.answers import GivenAnswers, answered, answers_of, questions_of, with_answers
+from robomend.model.from_graph import first_model
+from robomend.model.loading import load_text
+
+ODD = '/odd: "name"'
+NODES: dict[str, tuple[list[str], list[str]]] = {
+    "/camera": (["/image"], []),
+    "/lidar_driver": (["/scan"], []),
+    "/base_driver": (["/odom"], ["/cmd_vel"]),
+    ODD: (["/odd"], []),
+    "/mapper": (["/map", "/pose"], ["/scan"]),
+    "/mission": (["/cmd_vel"], ["/pose"]),
+}
+TOPICS = {f"/{name}": came(10) for name in ("image", "scan", "odom", "odd", "pose")}
+SILENT = "rear was silent all the time: is that so by design?"
+
+
+def text() -> str:
+    """A model of a robot with a silent sensor."""
+    nodes = {**NODES, "/rear_driver": (["/rear"], [])}
+    return first_model(heard(TOPICS, nodes, types={"/rear": "sensor_msgs/LaserScan"}), "rover").text
+
+
+def test_who_rests_on_nobody_may_drive_a_device() -> None:
+    asked = questions_of(text())
+    assert asked.seconds == 60
+    assert asked.drivers == {
+        "base_driver": "base",
+        "camera": "camera_device",
+        "lidar_driver": "lidar",
+        'odd: "name"': 'odd: "name"_device',
+    }
+    assert asked.others == (SILENT,)
+
+
+def test_an_answer_is_a_line_and_the_device_is_blamed_beside_its_driver() -> None:
+    model = answered(text(), "lidar_driver", "lidar, lidar_supply")
+    model = answered(model, "camera", "")
+    model = answered(model, SILENT, "yes")
+    parts = load_text(model).parts
+    assert parts is not None
+    assert parts.nodes["lidar_driver"].drives == ("lidar", "lidar_supply")
+    assert parts.nodes["camera"].drives == ()
+    assert parts.hardware["lidar"].blame
+    assert set(questions_of(model).drivers) == {"base_driver", 'odd: "name"'}
+    assert questions_of(model).others == ()
+    assert f"#   {SILENT} yes\n" in model
+    with pytest.raises(InputError, match="does not ask that"):
+        answered(model, "camera", "camera_device")
+
+
+@pytest.mark.parametrize(
+    ("question", "answer", "why"),
+    [
+        ("mapper", "lidar", "does not ask that"),
+        ("nobody", "", "does not ask that"),
+        (SILENT, "perhaps", "yes or no"),
+        ("camera", "a\nb", "printable"),
+        ("camera", "x" * 201, "printable"),
+    ],
+)
+def test_what_was_not_asked_is_not_answered(question: str, answer: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        answered(text(), question, answer)
+
+
+def test_a_model_by_hand_asks_nothing() -> None:
+    assert not questions_of("robomend: 1\nnodes:\n  camera:\n    # drives: []\n    publishes: {image: []}\n")
+
+
+@given(
+    st.dictionaries(st.sampled_from(sorted(questions_of(text()).drivers)), st.sampled_from(("", "d", "e,f"))),
+    st.sampled_from(("", "yes", "no")),
+)
+def test_a_model_that_is_made_anew_takes_the_answers_over(drives: dict[str, str], other: str) -> None:
+    model = text()
+    for number, (node, devices) in enumerate(drives.items()):
+        names = ", ".join(f"{name.strip()}{number}" for name in devices.split(",") if name)
+        model = answered(model, node, names)
+    if other:
+        model = answered(model, SILENT, other)
+    load_text(model)
+    assert with_answers(text(), answers_of(model)) == model
+    assert with_answers(model, answers_of(model)) == model
+    assert with_answers(model, GivenAnswers()) == model
