@@ -116,6 +116,14 @@ STEPS = (
     Step(rule("POST", "/drills/{drill}"), "drill.cancel", body={"decision": "cancel"}, in_body=True),
     Step(rule("POST", "/drills/{drill}"), "drill.abandon", body={"decision": "abandon"}, in_body=True),
     Step(
+        ("POST", "/ui/robots/{robot}/drills"),
+        "drill.create",
+        body={"fault": "device-unplugged", "component": "hokuyo"},
+        in_body=True,
+    ),
+    Step(("POST", "/ui/drills/{drill}"), "drill.cancel", body={"decision": "cancel"}, in_body=True),
+    Step(rule("POST", "/drills/{drill}"), "drill.abandon", body={"decision": "abandon"}, in_body=True),
+    Step(
         rule("POST", "/robots/{robot}/observations"),
         "observations.report",
         Role.ROBOT,
@@ -201,6 +209,8 @@ STEPS = (
         in_body=True,
     ),
     Step(("POST", "/ui/batches/{batch}"), "batch.cancel", body={}, in_body=True),
+    Step(("POST", "/ui/keys"), "key.create", Role.ADMIN, {"role": "viewer"}, in_body=True),
+    Step(("POST", "/ui/keys/{key}"), "key.revoke", Role.ADMIN, body={}, in_body=True),
     Step(rule("POST", "/stop"), "stop.set", body={}, in_body=True),
     Step(rule("DELETE", "/stop"), "stop.lifted"),
     Step(("POST", "/ui/stop"), "stop.set", body={}, in_body=True),
@@ -244,6 +254,8 @@ class Walk:
             self._write(partial(queue, "x:0"))
             self.places["action"] = "x:0"
         elif step.said == "drill.create":
+            if "drill" in self.places:
+                until(lambda: self.drill()["finished_ns"] is not None, "the drill before has ended")
             batch = Batch(("ok(map)",), source="test", time_ns=CLOCK.now_ns())
             self.service.run(self.service.runtime.robots.observe("r1", batch))
         elif step.said == "drill.cancel":  # one that waits still would be withdrawn, and have nothing to undo
@@ -293,7 +305,9 @@ class Walk:
         if step.said == "repair.create":
             self.places["repair"] = self.newest_repair()
         elif step.said == "drill.create":
-            self.places["drill"] = answer.json()["id"]
+            self.places["drill"] = next(one["subject"] for one in self.log() if one["action"] == step.said)
+        elif step.said == "key.create":
+            self.places["key"] = next(one["after"]["id"] for one in self.log() if one["action"] == step.said)
         elif step.said == "batch.create":
             where = answer.headers["location"]
             self.places["batch"] = where.rpartition("/")[2]

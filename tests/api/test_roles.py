@@ -26,6 +26,7 @@ PLACES = {
     "assertion": "a",
     "channel": "3",
     "component": "jaguar",
+    "key": "k-1",
     "recipient": "duty",
     "file": "start.js",
     "version": "1",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from playwright.sync_api import expect
 from tests.api.conftest import Service
 from tests.browser import PATIENCE_MS, keep
@@ -16,6 +18,8 @@ def test_a_robots_drills_are_listed_with_their_state(service: Service, look: Loo
     page = live(look(service), "/ui/robots/drilled")
     page.get_by_role("link", name="Drills").click()
     expect(page.get_by_text("No drill was held on this robot.")).to_be_visible()
+    expect(page.get_by_text("Nothing is planted now: the robot is ")).to_be_visible()
+    assert page.get_by_text("Plant …").count() == 0
     service.observe("running(hokuyo_node)", "ok(scan)", robot="drilled")
     service.diagnosis("drilled", wait_s=30, after=0)
     body = {"fault": "node-killed", "component": "hokuyo_node", "reason": "<b>x</b>"}
@@ -26,3 +30,47 @@ def test_a_robots_drills_are_listed_with_their_state(service: Service, look: Loo
     expect(row).to_contain_text("local")
     assert serious(page) == []
     keep(page, "drills")
+
+
+def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Service, look: Look) -> None:
+    service.with_robot("pulled", observed=["running(hokuyo_node)", "ok(scan)"], protected=["jaguar"])
+    service.observe("running(hokuyo_node)", "ok(scan)", robot="pulled")
+    service.diagnosis("pulled", wait_s=30, after=0)
+    page = live(look(service, viewport={"width": 1440, "height": 900}), "/ui/robots/pulled/drills")
+    row = page.get_by_role("row").filter(has_text="pull the data cable of hokuyo")
+    expect(row).to_contain_text("not ok(scan)")
+    expect(row).to_contain_text("one of several")
+    page.locator("#never summary").click()
+    expect(page.locator("#never")).to_contain_text("pull the data cable of jaguar: jaguar is protected")
+    keep(page, "plantable")
+    assert serious(page) == []
+    row.get_by_text("Plant …").click()
+    row.get_by_label("Why").fill("to see it")
+    row.get_by_role("button").click()
+    held = page.locator('[data-part="drills"] tbody tr')
+    expect(held).to_contain_text("pull the data cable of hokuyo")
+    expect(page.get_by_text("Nothing is planted now: a drill is under way.")).to_be_visible()
+    held.get_by_role("button", name="Done").click()
+    expect(held.locator("b")).to_have_text("planted")
+    held.get_by_role("button", name="Cancel the drill").click()
+    expect(held).to_contain_text("plug it in")
+    held.get_by_role("button", name="Done").click()
+    expect(held.locator("b")).not_to_have_text(re.compile("planted|undoing"))
+    service.observe("running(hokuyo_node)", "ok(scan)", robot="pulled")
+    expect(held.locator("b")).to_have_text("cancelled")
+    expect(row).to_contain_text("not watched to its end")
+    audit = service.api("GET", "/audit", params={"robot": "pulled"}).json()["items"]
+    assert [one["reason"] for one in audit if one["action"] == "drill.create"] == ["to see it"]
+    assert {"drill.cancel", "drill.done"} <= {one["action"] for one in audit}
+
+
+def test_what_a_drill_may_not_do_is_answered_in_words(service: Service) -> None:
+    service.with_robot("kept", policy="observe", observed=["ok(scan)"])
+    head = {"Origin": service.url}
+    fields = {"fault": "node-killed", "component": "hokuyo_node"}
+    refused = service.http.post("/ui/robots/kept/drills", data=fields, headers=head)
+    assert (refused.status_code, "nothing is ever done to it" in refused.text) == (403, True)
+    fields["fault"] = "struck by lightning"
+    assert service.http.post("/ui/robots/kept/drills", data=fields, headers=head).status_code == 422
+    unknown = service.http.post("/ui/drills/d-none", data={"decision": "explode"}, headers=head)
+    assert (unknown.status_code, "cancel, done, abandon" in unknown.text) == (422, True)

@@ -93,6 +93,7 @@ RobotPath = Annotated[str, Path(pattern=NAME, description="the robot's id", exam
 ModelPath = Annotated[str, Path(pattern=NAME, description="the model's name", examples=["tedusar"])]
 RepairPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["r-7k2m9x4q"])]
 DrillPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["d-7k2m9x4q"])]
+KeyPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_\-]{1,64}$", examples=["k-7k2m9x4q"])]
 MomentPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_\-]{1,64}$", examples=["m-4f1d6a02b7c91e3d5f80"])]
 BatchPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["b-7k2m9x4qhj"])]
 ActionPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.:\-]{1,128}$", examples=["r-7k2m9x4q:2"])]

@@ -19,7 +19,7 @@ from robomend.errors import InputError
 if TYPE_CHECKING:
     from robomend.settings import Settings
     from robomend.store import Transaction, View
-    from robomend.store.records import ApiKey, AuditEntry
+    from robomend.store.records import ApiKey
 
 T = TypeVar("T")
 
@@ -60,7 +60,7 @@ def create(
 
     def add(tx: Transaction) -> ApiKey:
         key = api_keys.add(tx, name=called, hash=digest(text), role=role, robot=robot, by=person())
-        tx.note(_entry("key.create", key, reason))
+        tx.note(api_keys.told("key.create", key, by=person(), reason=reason))
         return key
 
     key = write(settings, add)
@@ -108,7 +108,7 @@ def revoke(config_file: Path | None, data: Path | None, database: str | None, ke
         found = [k for k in api_keys.every(tx) if k.revoked_ns is None and key in (k.id, k.name)]
         if not found:
             raise InputError(f"no key in use has the id or name {key!r}; see `robomend keys list`")
-        tx.note(_entry("key.revoke", found[0], reason))
+        tx.note(api_keys.told("key.revoke", found[0], by=person(), reason=reason))
         return api_keys.revoke(tx, found[0].id)
 
     gone = write(settings, revoke_it)
@@ -122,13 +122,6 @@ def person() -> str:
     except (OSError, KeyError):  # an account without a name, in a container, say
         account = str(os.getuid())
     return f"command line ({account})"
-
-
-def _entry(action: str, key: ApiKey, reason: str) -> AuditEntry:
-    from robomend.store.records import AuditEntry
-
-    after = {"id": key.id, "role": key.role, "robot": key.robot}
-    return AuditEntry(person(), action, key.name, key.robot, reason, after=after)
 
 
 def write(settings: Settings, change: Callable[[Transaction], T]) -> T:

@@ -62,6 +62,15 @@ def check(state: Robot, fault: Plantable) -> None:
         raise StateConflict(why)
 
 
+def obstacles(state: Robot) -> Iterator[str]:
+    """Yield why no fault at all is planted on the robot, as it is configured and as it is now."""
+    if state.config.policy == "observe":
+        yield f"the policy of robot {state.id!r} is 'observe': nothing is ever done to it"
+    if not observables_at_hand(state.config, state.system, state.sight.declared.agents()):
+        yield "nothing is said to be observed: name it in `observed` of the robot's configuration"
+    yield from _no_fault_now(state)
+
+
 def _never(state: Robot, fault: Plantable) -> Iterator[str]:
     config = state.config
     policy = policy_of(config, state.system.parts)
@@ -80,6 +89,12 @@ def _never(state: Robot, fault: Plantable) -> Iterator[str]:
 
 
 def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
+    yield from _no_fault_now(state)
+    if (why := nobody_for(fault, state.sight.declared.agents())) is not None:
+        yield why
+
+
+def _no_fault_now(state: Robot) -> Iterator[str]:
     how, unknown = health_of(state)
     if how is not HealthState.HEALTHY:
         missing = f" ({', '.join(map(str, unknown[:5]))} not known)" if unknown else ""
@@ -88,8 +103,6 @@ def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
     if windows and not any(window.holds(time.time_ns()) for window in windows):
         yield "no maintenance window is open"
     if (why := state.interlocked()) is not None:
-        yield why
-    if (why := nobody_for(fault, state.sight.declared.agents())) is not None:
         yield why
 
 

@@ -17,9 +17,12 @@ from robomend.oneshots.question import PackedQuestion, Question, given_diagnosis
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.choice import Choice
+from robomend.planning.drill import PlantableFault
+from robomend.planning.faults import DrilledBoard
 from robomend.planning.planner_pool import PlannerPool, advise
 from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
+from robomend.planning.protection import Protection
 from robomend.settings import Settings
 from robomend_client.literals import Atom, Literal
 
@@ -138,6 +141,24 @@ class OneShots:
         """
         with self._place():
             return await self._solver.isolability(system, observed, double, timeout_s)
+
+    async def drill_plan(
+        self,
+        system: System,
+        observed: Collection[Atom],
+        *,
+        protected: Protection,
+        board: DrilledBoard | None,
+        meant_off: Collection[str],
+        timeout_s: float,
+    ) -> tuple[list[PlantableFault], bool]:
+        """Return what each fault that could be planted would show (robomend.planning.drill), as far as the
+        time goes, and whether that is all.
+        """
+        system = system.extended(expected_stopped=system.named(meant_off))
+        options = {"protected": protected, "board": board, "meant_off": meant_off}
+        with self._place():
+            return await self._solver.drill_plan(system, observed, options, timeout_s)
 
     async def _ask(
         self, subject: Subject, literals: frozenset[Literal], engine: str, options: Options

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import json
 import pickle
+import time
 from collections import OrderedDict
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.isolability.analysis import isolability
@@ -23,6 +25,7 @@ from robomend.oneshots.isolability_json import isolability_json
 from robomend.oneshots.question import PackedQuestion
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.oneshots.warm_model import ask_engine
+from robomend.planning.drill import DIAGNOSIS_S, MOST_FAULTS, PlantableFault, drill_plan
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Atom, Literal
 
@@ -101,6 +104,15 @@ class SolverWorkers:
             find_isolability, system, observed, double, timeout_s, timeout_s=deadline_s
         )
 
+    async def drill_plan(
+        self, system: System, observed: Collection[Atom], options: Mapping[str, Any], timeout_s: float
+    ) -> tuple[list[PlantableFault], bool]:
+        """Say what each fault that could be planted would show, in a worker; raises as `diagnose` does."""
+        deadline_s = timeout_s + DIAGNOSIS_S + SEND_S
+        return await self.pool.run(
+            find_drill_plan, system, observed, options, timeout_s, timeout_s=deadline_s
+        )
+
     async def close(self) -> None:
         """Kill the workers."""
         await self.pool.aclose()
@@ -150,6 +162,20 @@ def find_isolability(
     """Compare all faults with all; runs in a worker process, as does making its JSON, which is long."""
     found = isolability(opened(system.cnf), observed, double=double, timeout_s=timeout_s)
     return json.dumps(isolability_json(found, system), ensure_ascii=False)
+
+
+def find_drill_plan(
+    system: System, observed: Collection[Atom], options: Mapping[str, Any], timeout_s: float
+) -> tuple[list[PlantableFault], bool]:
+    """Say what each fault that could be planted would show, and whether these are all; runs in a worker."""
+    end_s = time.monotonic() + timeout_s
+    found: list[PlantableFault] = []
+    assert system.parts is not None
+    for fault in drill_plan(system, system.parts, observed, **options):
+        if len(found) == MOST_FAULTS or time.monotonic() > end_s:
+            return found, False
+        found.append(fault)
+    return found, True
 
 
 def find_probes(

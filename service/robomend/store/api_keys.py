@@ -9,7 +9,7 @@ from sqlalchemy import select
 from robomend.errors import StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_ns, checked_or_none, new_id
-from robomend.store.records import ApiKey, SignIn
+from robomend.store.records import ApiKey, AuditEntry, SignIn
 from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
 
@@ -40,6 +40,12 @@ def add(tx: Transaction, *, name: str, hash: str, role: str, robot: str | None, 
         },
     )
     return key
+
+
+def told(action: str, key: ApiKey, *, by: str, reason: str) -> AuditEntry:
+    """Return what the audit log says of a key that is made or revoked; never its text."""
+    after = {"id": key.id, "role": key.role, "robot": key.robot}
+    return AuditEntry(by, action, key.name, key.robot, reason, after=after)
 
 
 def revoke(tx: Transaction, key: str) -> ApiKey:

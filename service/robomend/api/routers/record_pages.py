@@ -7,15 +7,25 @@ from __future__ import annotations
 import asyncio
 import base64
 import hashlib
+import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from markupsafe import Markup
 from starlette.responses import Response
 
-from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.deps import (
+    DrillPath,
+    KeyPath,
+    PagingDep,
+    Parts,
+    PartsDep,
+    PrincipalDep,
+    RepairPath,
+    RobotPath,
+)
 from robomend.api.page_route import (
     HEADERS,
     PageRoute,
@@ -23,15 +33,24 @@ from robomend.api.page_route import (
     packed,
     page,
     read_form,
+    reason_of,
     shell,
     wanted_parts,
 )
+from robomend.api.problems import Problem
 from robomend.api.routers.notifications import tried
-from robomend.api.schemas.base import NAME
-from robomend.api.schemas.drill import DrillOut
+from robomend.api.schemas.base import NAME, one_line
+from robomend.api.schemas.drill import DrillBody, DrillOut
+from robomend.drills.drills import DECISIONS
+from robomend.drills.permission import board_of, nobody_for, obstacles
+from robomend.drills.score import scored
+from robomend.errors import NotFound, StateConflict
 from robomend.repairs.record import LOOP
-from robomend.store import View, api_keys, audit, diagnoses, notifications, repairs
-from robomend.store.records import Paging
+from robomend.robots.at_hand import observables_at_hand
+from robomend.robots.configuration import protection_of
+from robomend.security import ACT, Principal, Role, digest, new_key
+from robomend.store import Transaction, View, api_keys, audit, diagnoses, notifications, repairs
+from robomend.store.records import ApiKey, Paging
 from robomend.web import past
 from robomend.web import timeline as figure
 from robomend.web.rendering import render
@@ -59,12 +78,94 @@ async def repairs_page(
 async def drills_page(
     request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep, paging: PagingDep
 ) -> Response:
-    """List a robot's drills, newest first, with what became of each."""
+    """Show what could be planted on a robot, and its drills, newest first, with what became of each."""
+    wanted = wanted_parts(request, ("stop", "plantable", "drills"))
     found = await parts.drills.drills(robot, before=paging.cursor, limit=paging.limit)
     drills = [DrillOut.model_validate(drill) for drill in found]
-    older = drills[-1].id if len(drills) == paging.limit else None
-    around = shell(request, parts, principal, wanted_parts(request, ("stop", "drills")))
-    return await page(request, "drills.html", **around, robot=robot, drills=drills, next=older)
+    values: dict[str, Any] = {"next": drills[-1].id if len(drills) == paging.limit else None}
+    if "plantable" in wanted and principal.role in ACT:
+        values |= await _plantable(parts, robot, found)
+    around = shell(request, parts, principal, wanted)
+    return await page(request, "drills.html", **around, **values, robot=robot, drills=drills)
+
+
+PLAN_S = 10.0
+"""For what each fault would show; of a large model the rest is left out, which is said."""
+
+
+async def _plantable(parts: Parts, robot: str, held: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what could be planted, with its promise and what its latest drill came to; what stands in the
+    way of all of it; and why some never is.
+    """
+    state = await parts.robots.diagnosed(robot)
+    config, model = state.config, state.system.parts
+    if model is None:
+        why = "the model is no component model: it does not say what could be planted"
+        return {"faults": [], "refused": [], "obstacles": [why], "complete": True}
+    agents = state.sight.declared.agents()
+    faults, complete = await parts.one_shots.drill_plan(
+        state.system,
+        observables_at_hand(config, state.system, agents),
+        protected=protection_of(config, model),
+        board=board_of(config),
+        meant_off=config.expected_stopped,
+        timeout_s=PLAN_S,
+    )
+    shown: list[dict[str, Any]] = []
+    refused: list[dict[str, str]] = []
+    for fault in faults:
+        if never := fault.refused or nobody_for(fault, agents):
+            refused.append({"act": fault.act, "why": never})
+            continue
+        planned = {
+            "kind": str(fault.kind),
+            "component": fault.component,
+            "topic": fault.topic,
+            "promise": fault.promise,
+            "shows": list(map(str, fault.shows)),
+        }
+        last = next((one for one in held if one["finished_ns"] and _of(one) == _of(planned)), None)
+        score = None if last is None else scored(planned, last)
+        shown.append({**planned, "act": fault.act, "undo": fault.undo, "score": score})
+    way = list(obstacles(state))
+    if any(one["finished_ns"] is None for one in held):
+        way.append("a drill is under way")
+    return {"faults": shown, "refused": refused, "obstacles": way, "complete": complete}
+
+
+def _of(fault: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return which fault a planned one, or that of a drill, is."""
+    return fault.get("kind") or fault.get("fault"), fault["component"], fault.get("topic")
+
+
+@router.post("/ui/robots/{robot}/drills")
+async def plant(request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Plant a fault, as POST /api/v1/robots/{robot}/drills does."""
+    form = await read_form(request)
+    await parts.drills.create(
+        robot,
+        fault=form.get("fault", ""),
+        component=form.get("component") or None,
+        topic=form.get("topic") or None,
+        bound_s=DrillBody.model_fields["bound_s"].default,
+        detect_s=DrillBody.model_fields["detect_s"].default,
+        by=principal.name,
+        reason=reason_of(form),
+    )
+    return back(f"/ui/robots/{robot}/drills")
+
+
+@router.post("/ui/drills/{drill}")
+async def decide_drill(
+    request: Request, drill: DrillPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Cancel a drill, say that its person did what it waits for, or leave the rest to a person."""
+    form = await read_form(request)
+    decision = form.get("decision", "")
+    if decision not in DECISIONS:
+        raise Problem(422, f"the decision is one of {', '.join(DECISIONS)}")
+    said = await parts.drills.decide(drill, decision, by=principal.name, reason=reason_of(form))
+    return back(f"/ui/robots/{said['robot']}/drills")
 
 
 @router.get("/ui/audit")
@@ -142,9 +243,63 @@ def _onsets(repair: Mapping[str, Any]) -> list[int]:
 @router.get("/ui/keys")
 async def keys_page(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
     """List the keys, revoked ones included; never their text."""
+    return await _keys(request, parts, principal)
+
+
+async def _keys(
+    request: Request, parts: Parts, principal: Principal, made: ApiKey | None = None, text: str = ""
+) -> Response:
+    """Return the page of keys; with the text of one that was made just now, as it is stored nowhere."""
     found = await parts.store.read(api_keys.every)
     around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
-    return await page(request, "keys.html", **around, keys=found)
+    return await page(
+        request, "keys.html", **around, keys=found, roles=list(Role), made=made, text=text, own=principal.key
+    )
+
+
+@router.post("/ui/keys")
+async def make_key(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Make a key, and show its text: once, and to whoever has asked for it."""
+    form = await read_form(request)
+    robot, called = form.get("robot", "").strip() or None, one_line(form.get("name", "").strip())[:100]
+    try:
+        role = Role(form.get("role", ""))
+    except ValueError:
+        raise Problem(422, f"the role is one of {', '.join(Role)}") from None
+    if (role is Role.ROBOT) != (robot is not None):
+        raise Problem(422, "a robot is named with the role robot, and with no other: its key opens it alone")
+    if robot is not None and re.match(NAME, robot) is None:
+        raise Problem(422, f"{one_line(robot)[:64]!r} is no id of a robot, as in: tedusar-1")
+    name, text, reason = called or (f"robot-{robot}" if robot else str(role)), new_key(), reason_of(form)
+
+    def add(tx: Transaction) -> ApiKey:
+        if role is not Role.ADMIN and not api_keys.every(tx):
+            raise StateConflict("the first key is an admin's: from then on this page asks for one")
+        key = api_keys.add(tx, name=name, hash=digest(text), role=role, robot=robot, by=principal.name)
+        tx.note(api_keys.told("key.create", key, by=principal.name, reason=reason))
+        return key
+
+    made = await parts.store.write(add)
+    request.app.state.gate.ring.forget()
+    return await _keys(request, parts, principal, made, text)
+
+
+@router.post("/ui/keys/{key}")
+async def revoke_key(request: Request, key: KeyPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Revoke a key; not the one that asks for it, so that an admin is left who can make others."""
+    reason = reason_of(await read_form(request))
+    if key == principal.key:
+        raise Problem(409, "this is the key that you are signed in with: revoke it with another one")
+
+    def revoke(tx: Transaction) -> None:
+        if all(one.id != key or one.revoked_ns is not None for one in api_keys.every(tx)):
+            raise NotFound(f"no key in use has the id {key!r}")
+        gone = api_keys.revoke(tx, key)
+        tx.note(api_keys.told("key.revoke", gone, by=principal.name, reason=reason))
+
+    await parts.store.write(revoke)
+    request.app.state.gate.ring.forget()
+    return back("/ui/keys")
 
 
 @router.get("/ui/notifications")
