@@ -21,9 +21,9 @@ from tests.repairs.robot import (
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
 from robomend.repairs import reasons
-from robomend.robots import start_ups
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.looking import DENIED
+from robomend.robots import start_ups
 from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio

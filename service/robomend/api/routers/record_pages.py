@@ -46,8 +46,8 @@ from robomend.drills.permission import board_of, nobody_for, obstacles
 from robomend.drills.score import scored
 from robomend.errors import NotFound, StateConflict
 from robomend.repairs.record import LOOP
-from robomend.robots.at_hand import observables_at_hand
 from robomend.robots.configuration import protection_of
+from robomend.robots.declared import observables_at_hand
 from robomend.security import ACT, Principal, Role, digest, new_key
 from robomend.store import Transaction, View, api_keys, audit, diagnoses, notifications, repairs
 from robomend.store.records import ApiKey, Paging
