@@ -42,7 +42,6 @@ class FaultKind:
     scope: Scope
     does: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    momentary: bool = False  # happens once: there is nothing to clear
 
 
 FAULTS: dict[str, FaultKind] = {
@@ -64,9 +63,8 @@ FAULTS: dict[str, FaultKind] = {
         Scope.LINE,
         "this many bytes that are no frame go to every client, once",
         {"size": Parameter(32, 1, 4096, whole=True)},
-        momentary=True,
     ),
-    "drop": FaultKind(Scope.LINE, "every connection is dropped, once", momentary=True),
+    "drop": FaultKind(Scope.LINE, "every connection is dropped, once"),
 }
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from robomend.model.budget import StepCount
 from robomend.model.clauses import describe
 from robomend.model.formulas import And, Formula, Implies, Leaf, Not, Or, Quantified, Truth, Variable, leaves
-from robomend.model.grounding import ground
+from robomend.model.rules import ground
 from robomend.model.sentences import parse
 from robomend.model.vocabulary import Vocabulary
 from robomend_client.literals import Atom, Literal, holds

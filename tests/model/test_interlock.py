@@ -8,7 +8,7 @@ import pytest
 
 from robomend.errors import ModelError
 from robomend.model.checking import check
-from robomend.model.interlock import truth
+from robomend.model.formulas import truth
 from robomend.model.loading import load_text
 from robomend.model.sentences import parse
 from robomend.model.system import System

@@ -2,7 +2,7 @@
 
     sentence, vocabulary ──► steps ──► within the budget? ── no ──► refused: place, number, bound, remedy
                                               │ yes
-                                              └──► robomend.model.grounding, robomend.model.clauses
+                                              └──► robomend.model.rules, robomend.model.clauses
 
 A step is one leaf of a ground formula, or one instance of a quantifier; it takes 10 to 50 µs all in all. The
 instances of quantifiers inside one another are a product, so a line of text can ask for more of them than

@@ -10,9 +10,8 @@ from robomend.model.budget import MODEL_STEPS, scheme_steps
 from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
 from robomend.model.components import KINDS, LOAD, ComponentModel
-from robomend.model.formulas import AB, Formula
+from robomend.model.formulas import AB, Formula, Interlock
 from robomend.model.functions import check_functions, condition, read_comparisons, with_compared
-from robomend.model.interlock import Interlock
 from robomend.model.loops import loops_of
 from robomend.model.rules import Sentence, read_rules
 from robomend.model.schemes import outputs, publishers_of, schemes

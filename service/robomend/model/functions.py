@@ -19,8 +19,7 @@ from typing import NamedTuple, NoReturn
 
 from robomend.errors import ModelError
 from robomend.model.components import ComponentModel, Function, Variant
-from robomend.model.formulas import AB, And, Formula, Iff, Implies, Leaf, Not, Or, Truth, leaves
-from robomend.model.interlock import truth
+from robomend.model.formulas import AB, And, Formula, Iff, Implies, Leaf, Not, Or, Truth, leaves, truth
 from robomend.model.rules import Sentence, mapped
 from robomend.model.vocabulary import TRENDS, Vocabulary
 from robomend_client.literals import Atom, Literal, quote

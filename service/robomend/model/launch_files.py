@@ -369,7 +369,6 @@ class _Tree:
 # --- Python -----------------------------------------------------------------------------------------------
 
 NODES = ("Node", "LifecycleNode", "ComposableNodeContainer", "ComposableNode")
-GROUPS = ("GroupAction", "TimerAction", "OpaqueFunction", "RegisterEventHandler")
 
 
 class _Python:

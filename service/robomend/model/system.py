@@ -13,8 +13,7 @@ from robomend.errors import UnknownComponent
 from robomend.model.clauses import Assertion
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
-from robomend.model.formulas import Formula
-from robomend.model.interlock import Interlock
+from robomend.model.formulas import Formula, Interlock
 from robomend.model.loops import Loop
 from robomend.model.packed import supposed
 from robomend.model.vocabulary import Vocabulary

@@ -16,8 +16,7 @@ from robomend.errors import ObservationError
 from robomend.model.budget import ASSERTION_STEPS, StepCount
 from robomend.model.clauses import Assertion
 from robomend.model.formulas import Formula, Leaf, conjuncts
-from robomend.model.grounding import ground
-from robomend.model.rules import mapped
+from robomend.model.rules import ground, mapped
 from robomend.model.sentences import MAX_LENGTH, plain
 from robomend.model.sentences import parse as parse_formula
 from robomend.model.vocabulary import DECIDED, Vocabulary

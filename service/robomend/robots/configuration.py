@@ -21,8 +21,6 @@ from robomend.planning.policy import Mode, Policy, Window
 from robomend.planning.protection import marked, protection
 from robomend.redaction import COVERED, SECRET, shown_url
 
-POLICIES = ("observe", "approve", "auto")
-
 
 @dataclass(frozen=True, slots=True)
 class ExpectedCurrent:
