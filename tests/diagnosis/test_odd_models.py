@@ -64,7 +64,7 @@ def asked(name: str, size: int) -> tuple[Question, DiagnosisResult]:
 
 # model, size -> size of the smallest diagnoses, exact number, questions to a solver, nodes
 KNOWN = {
-    ("chain", 5_000): (1, 5_000, 0, 0),
+    ("chain", 2_000): (1, 2_000, 0, 0),
     ("ring", 5_000): (1, 100, 0, 0),
     ("closed-ring", 5_000): (0, 1, 0, 0),
     ("fan-out", 500): (1, 1_001, 0, 10),
@@ -72,12 +72,11 @@ KNOWN = {
     ("grid", 40): (1, 1_600, 0, 0),
     ("silent", 1_000): (333, 2**333, 0, 0),
     ("independent", 200): (200, 2**200, 0, 0),
-    ("independent", 2_000): (2_000, 2**2_000, 0, 0),
     ("one-supply", 300): (1, 2**300 + 1, 0, 10),
     ("many-publishers", 300): (300, 1, 0, 0),
     ("all-alarms", 600): (600, 1, 0, 0),
-    ("no-news", 5_000): (0, 1, 0, 0),
-    ("wide-rule", 5_000): (1, 5_000, 0, 0),
+    ("no-news", 2_000): (0, 1, 0, 0),
+    ("wide-rule", 2_000): (1, 2_000, 0, 0),
     ("ladder", 6): (2, 6, 0, 1_000),
     ("all-pairs", 30): (29, 30, 0, 600),
     ("steiner", 2): (5, 54, 0, 1_000),

@@ -80,7 +80,7 @@ def test_reuse_gives_the_same_as_a_fresh_engine(name: str, monkeypatch: pytest.M
         clauses.append((*(-c for c in body), *(a if chance.random() < 0.6 else -a for a in atoms)))
     cnf = model(5, clauses)
     engine = make_engine(name, cnf)
-    for _ in range(60):
+    for _ in range(30):
         seen = chance.sample(cnf.atoms, chance.randint(0, 4))
         observations = frozenset(Literal(atom, chance.random() < 0.5) for atom in seen)
         expected = brute_force(cnf, observations)

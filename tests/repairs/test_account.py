@@ -12,7 +12,7 @@ from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
-from robomend.repairs.account import MOST, account, grounds, outcome
+from robomend.repairs.account import MOST, account, grounds, not_chosen, outcome
 from robomend_client.literals import fails, holds
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
@@ -158,3 +158,16 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text
     assert f" repaired: {repair['reason']}" in told[-1]
+
+
+def test_a_rival_that_lost_on_a_tie_is_told_as_that() -> None:
+    done = {"weight": 0.5, "plan": [{"cost": 29.0}]}
+    rival = {"bad": ["hub"], "why": "hub: helps with probability 0.5 at cost 29", "weight": 0.5, "helps": 0.5}
+    told = "not chosen (weight 0.5): hub: helps with probability 0.5 at cost 29"
+    assert not_chosen({**rival, "cost": 29.0}, done) == f"{told}; as good"
+    assert not_chosen({**rival, "cost": 30.0}, done) == f"{told}; dearer than 29"
+    assert not_chosen({**rival, "cost": 28.0}, done) == told
+    # It may help more probably than what was chosen: a cycle restarts the driver, too.
+    likelier = {**rival, "cost": 30.0, "helps": 0.95, "weight": 0.1}
+    assert not_chosen(likelier, done).endswith("; a less probable cause, and dearer than 29")
+    assert not_chosen({**likelier, "cost": 29.0}, done).endswith("; a less probable cause")
