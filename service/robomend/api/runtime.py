@@ -20,7 +20,7 @@ from robomend.api.store_probe import LoopWatch, StoreProbe
 from robomend.api.streams import Hub
 from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
-from robomend.drills.one_drill import DrillParts
+from robomend.drills.one_drill import DrillNeeds
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
@@ -65,7 +65,7 @@ class Runtime:
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.notifier = Notifier(self.store, settings, self.metrics)
         self.drills = Drills(
-            DrillParts(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
+            DrillNeeds(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
         )
         self.batches = Batches(self.store, settings)
         self.watch = LoopWatch(self.metrics)

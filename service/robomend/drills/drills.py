@@ -13,7 +13,7 @@ from typing import Any
 
 import structlog
 
-from robomend.drills.one_drill import DrillParts, OneDrill
+from robomend.drills.one_drill import DrillNeeds, OneDrill
 from robomend.drills.permission import check, fault_of
 from robomend.drills.record import drill_json, new_drill
 from robomend.drills.states import DrillState
@@ -42,9 +42,9 @@ DECISIONS = {
 class Drills:
     """See the module. Belongs to one event loop."""
 
-    def __init__(self, parts: DrillParts) -> None:
-        self._parts = parts
-        self._store = parts.store
+    def __init__(self, needs: DrillNeeds) -> None:
+        self._needs = needs
+        self._store = needs.store
         self._running: dict[str, tuple[OneDrill, Fence, asyncio.Task[None]]] = {}  # by robot
         self._seeker = Seeker(self._take_up, "open drills", LOOK_S)
         self._ends: list[Callable[[], None]] = []
@@ -55,7 +55,7 @@ class Drills:
             self._store.subscribe(self._follow, (Kind.DRILL, Kind.DIAGNOSIS, Kind.REPAIR)),
             self._store.ownership.on_lost(self._lost),
         ]
-        self._parts.switch.on_change(self._stop_changed)
+        self._needs.switch.on_change(self._stop_changed)
         self._seeker.start()
 
     async def close(self) -> None:
@@ -72,7 +72,7 @@ class Drills:
                 self._carry_out(drill, fence)
 
     def _carry_out(self, drill: StoredDrill, fence: Fence) -> None:
-        one = OneDrill(self._parts, drill, fence)
+        one = OneDrill(self._needs, drill, fence)
         task = asyncio.create_task(self._run(one, drill), name=f"drill {drill.id}")
         self._running[drill.robot] = (one, fence, task)
         task.add_done_callback(lambda _: self._ended(drill.robot, one))
@@ -133,12 +133,12 @@ class Drills:
         except ValueError:
             known = ", ".join(FaultKind)
             raise InputError(f"there is no fault {fault!r}; there are {known}") from None
-        state = await self._parts.robots.diagnosed(robot)
+        state = await self._needs.robots.diagnosed(robot)
         found = fault_of(state, kind, component, topic)
         check(state, found)
 
         def begin(tx: Transaction) -> StoredDrill:
-            stop = global_stop.hold(tx) if self._parts.switch.settled else self._parts.switch.stop
+            stop = global_stop.hold(tx) if self._needs.switch.settled else self._needs.switch.stop
             if stop.active:
                 raise StateConflict(f"the global stop is active, set by {stop.by}: {stop.reason}")
             return new_drill(tx, robot, found, bound_s=bound_s, detect_s=detect_s, by=by, reason=reason)

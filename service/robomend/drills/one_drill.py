@@ -49,7 +49,7 @@ from robomend_client.events import Kind
 
 
 @dataclass(frozen=True)
-class DrillParts:
+class DrillNeeds:
     """What the drills of all robots share."""
 
     store: Store
@@ -94,7 +94,7 @@ NODE_S = 30.0
 class OneDrill:
     """See the module. One task; everything else only wakes it."""
 
-    def __init__(self, needs: DrillParts, drill: StoredDrill, fence: Fence) -> None:
+    def __init__(self, needs: DrillNeeds, drill: StoredDrill, fence: Fence) -> None:
         self.news = asyncio.Event()  # something may have changed: a diagnosis, a request, the stop
         self._needs = needs
         self._record = DrillRecord(needs.store, drill, fence)
