@@ -9,6 +9,7 @@ from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, run
 
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.looking import first_of
+from robomend.repairs.states import StepState
 from robomend_client.actions import OK, Action, ActionResult
 from robomend_client.literals import Literal, holds
 
@@ -109,3 +110,21 @@ async def test_nothing_acts_on_an_observation_that_went_stale() -> None:
     assert done.ending is Ending.STALE
     assert done.mismatch == Literal(RUNNING)
     assert robot.sent == ["power_up(lidar)"]
+
+
+async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
+    robot = Robot()
+    robot.see(RUNNING, False)
+    done = await run(robot)
+    assert done.ending is Ending.DONE
+    assert done.steps[1].state is StepState.ALREADY
+    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
+
+
+async def test_where_power_is_back_without_us_the_rest_of_the_plan_is_not_for_what_is_there() -> None:
+    robot = Robot()
+    robot.see(ON, True)
+    done = await run(robot)
+    assert done.ending is Ending.MISMATCH
+    assert robot.sent == []
+    assert "on already, and not by this plan" in done.reason
