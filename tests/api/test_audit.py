@@ -242,11 +242,22 @@ class Walk:
     def name(self, role: Role) -> str:
         return f"{role}-{self.keys[role][-8:]}"
 
+    def get(self, path: str) -> Any:
+        """Read something as the admin."""
+        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
+        return self.service.api("GET", path, headers=head).json()
+
     def log(self) -> list[dict[str, Any]]:
         """Return the audit log, newest first."""
-        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
-        items: list[dict[str, Any]] = self.service.api("GET", "/audit", headers=head).json()["items"]
-        return items
+        return list(self.get("/audit")["items"])
+
+    def drill(self) -> dict[str, Any]:
+        """Return the drill that was asked for."""
+        return dict(self.get(f"/drills/{self.places['drill']}"))
+
+    def repairs(self) -> list[dict[str, Any]]:
+        """Return the robot's repairs, newest first."""
+        return list(self.get("/robots/r1/repairs")["items"])
 
     def prepare(self, step: Step) -> None:
         """Bring about what a request needs that no request brings about."""
@@ -272,7 +283,7 @@ class Walk:
         elif step.rule == rule("POST", "/batches"):
             self.service.run(self.service.runtime.batches.close())  # it is to be cancelled before it is done
         elif step.said == "robot.delete" or step.rule == ("POST", "/ui/robots/{robot}/repairs"):
-            until(self._no_repair_is_open, "a repair is open")
+            until(lambda: all(one["finished_ns"] for one in self.repairs()), "a repair is open")
 
     def take(self, step: Step) -> None:
         """Make the request."""
@@ -303,7 +314,7 @@ class Walk:
         if step.said != "channel.off":  # nobody is there to switch it
             assert answer.status_code < 400, answer.text
         if step.said == "repair.create":
-            self.places["repair"] = self.newest_repair()
+            self.places["repair"] = str(self.repairs()[0]["id"])
         elif step.said == "drill.create":
             self.places["drill"] = next(one["subject"] for one in self.log() if one["action"] == step.said)
         elif step.said == "key.create":
@@ -312,27 +323,8 @@ class Walk:
             where = answer.headers["location"]
             self.places["batch"] = where.rpartition("/")[2]
 
-    def drill(self) -> dict[str, Any]:
-        """Return the drill that was asked for."""
-        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
-        found: dict[str, Any] = self.service.api(
-            "GET", f"/drills/{self.places['drill']}", headers=head
-        ).json()
-        return found
-
-    def newest_repair(self) -> str:
-        """Return the id of the repair that was asked for last."""
-        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
-        items = self.service.api("GET", "/robots/r1/repairs", headers=head).json()["items"]
-        return str(items[0]["id"])
-
     def _write(self, change: Callable[[Transaction], object]) -> None:
         self.service.run(self.service.runtime.store.write(change))
-
-    def _no_repair_is_open(self) -> bool:
-        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
-        found = self.service.api("GET", "/robots/r1/repairs", headers=head).json()["items"]
-        return all(repair["finished_ns"] is not None for repair in found)
 
 
 @pytest.fixture(scope="module")

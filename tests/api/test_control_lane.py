@@ -190,19 +190,6 @@ def test_a_stop_does_not_wait_for_the_disk(start: StartService) -> None:
     assert not service.api("GET", "/stop").json()["active"]
 
 
-def test_hanging_writes_are_not_ready(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend.api.store_probe.HANGS_S", 0.1)
-    monkeypatch.setattr("robomend.api.store_probe.FRESH_S", 0.0)
-    service = start()
-    until(lambda: service.http.get("/readyz").status_code == 200, "not ready")
-    with hanging_writes(service):
-        until(lambda: service.http.get("/readyz").status_code == 503, "ready while writes hang")
-        store = service.http.get("/readyz").json()["checks"]["store"]
-        assert not store["ok"]
-        assert "no answer" in store["detail"]
-    until(lambda: service.http.get("/readyz").status_code == 200, "not ready again")
-
-
 def test_a_stop_on_a_full_disk_is_in_force_and_written_when_there_is_room(
     start: StartService, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -267,35 +267,3 @@ def test_a_stream_ends_when_its_key_is_revoked(start: StartService) -> None:
         for _ in lines:  # it ends; else this reads for ever
             pass
     assert service.http.get("/api/v1/events", headers=head).status_code == 401
-
-
-def test_open_streams_and_long_polls_do_not_hold_up_the_end(tmp_path: Any) -> None:
-    from tests.api.conftest import running
-
-    from robomend.settings import Settings
-
-    ended: list[str] = []
-    with running(Settings(port=0, data=tmp_path, graceful_s=30)) as service:
-        service.with_robot()
-
-        def follow() -> None:
-            with following(service) as events:
-                for _ in events:
-                    pass
-            ended.append("stream")
-
-        def wait() -> None:
-            service.diagnosis(wait_s=50, after=1000)  # the robot's first diagnosis may still be on its way
-            ended.append("long poll")
-
-        threads = [threading.Thread(target=follow), threading.Thread(target=wait)]
-        for thread in threads:
-            thread.start()
-        while not service.runtime.hub.count or not service.runtime.robots.waiting.requests:
-            time.sleep(0.01)
-        began = time.monotonic()
-        service.loop.call_soon_threadsafe(service.runtime.end_waits)
-        for thread in threads:
-            thread.join(10)
-        assert time.monotonic() - began < 10
-    assert sorted(ended) == ["long poll", "stream"]

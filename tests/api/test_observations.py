@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
-from tests.api.conftest import Service, StartService
+from tests.api.conftest import Service
 from tests.waiting import until
 
 NDJSON = {"Content-Type": "application/x-ndjson"}
@@ -150,30 +149,3 @@ def test_an_endless_line_is_cut_off(service: Service) -> None:
     content = (b"x" * 10_000 for _ in range(50))
     answer = service.api("POST", "/robots/r1/observations", content=content, headers=NDJSON)
     assert answer.status_code == 413
-
-
-def test_what_was_acknowledged_is_there_after_a_restart(start: StartService, tmp_path: Any) -> None:
-    first = start(data=tmp_path / "kept")
-    first.with_robot()
-    with ThreadPoolExecutor(8) as many:
-        sentences = ["not ok(scan)", "ok(odom)", "on(jaguar)", "not running(rviz)"] * 10
-        revisions = [answer.json()["revision"] for answer in many.map(first.observe, sentences)]
-    last = max(revisions)  # what says nothing new has the revision before it
-    assert set(revisions) == set(range(1, last + 1))
-    known, diagnosis = literals(first), first.diagnosis()
-    second = start(data=tmp_path / "kept")  # another instance on the same database, as after a restart
-    assert literals(second) == known
-    assert second.diagnosis()["result"]["diagnoses"] == diagnosis["result"]["diagnoses"]
-    history = second.api("GET", "/robots/r1/history", params={"limit": 1000}).json()["items"]
-    assert len(history) == last
-
-
-def test_two_instances_see_each_others_observations(start: StartService) -> None:
-    one, other = start(), start()
-    one.with_robot()
-    for number in range(6):
-        sentence = "not ok(scan)" if number % 2 == 0 else "ok(scan)"
-        service = (one, other)[number % 2]
-        assert service.observe(sentence).json()["revision"] == number + 1
-    assert other.diagnosis(wait_s=60, after=5)["revision"] == 6
-    assert literals(one) == literals(other) == {"ok(scan)"}

@@ -7,7 +7,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.api.views import accepted_response
+from robomend.api.ingestion import accepted_response
 from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.robots.batches import Acknowledged

@@ -5,42 +5,12 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 from tests.api.conftest import TEDUSAR, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
-
-
-def test_who_waits_for_observations_hears_of_those_of_another_instance(start: StartService) -> None:
-    one, two = start(), start()
-    one.with_robot()
-    one.observe("ok(scan)")
-    assert two.diagnosis(after=0, wait_s=60)["revision"] == 1
-    robots = two.runtime.robots
-
-    async def wait() -> int:
-        state = await robots.memory.latest("r1")
-        return await state.changed(1, 20.0)
-
-    waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)
-    time.sleep(0.2)  # it waits by then
-    began = time.monotonic()
-    one.observe("not ok(scan)")
-    assert waiting.result(20) == 2
-    assert time.monotonic() - began < 15  # woken, not timed out
-
-
-def test_either_instance_serves_what_the_other_was_told(start: StartService) -> None:
-    one, two = start(), start()
-    one.with_robot()
-    for number in range(10):
-        told, asked = (one, two) if number % 2 else (two, one)
-        told.observe("not ok(scan)" if number % 2 else "ok(scan)")
-        found = asked.diagnosis(after=number, wait_s=60)
-        assert found["revision"] == number + 1
-        assert bad_sets(found) == ([{"hokuyo"}, {"hokuyo_node"}] if number % 2 else [set()])
 
 
 def test_an_instance_that_is_asked_knows_what_another_has_acknowledged(start: StartService) -> None:

@@ -18,9 +18,8 @@ from tests.waiting import eventually
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import Store, journal, repairs
-from robomend.store.ownership import own
+from robomend.store.ownership import BEAT_S, own
 from robomend.store.records import Fence
-from robomend.store.session import BEAT_S
 from robomend.store.transaction import CHANNEL
 
 pytestmark = pytest.mark.anyio

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.store import session
-from robomend.store.session import GONE_S, SURE_S, InstanceSession
+from robomend.store import ownership
+from robomend.store.ownership import GONE_S, SURE_S, InstanceSession
 
 
 class Saying(InstanceSession):
@@ -13,8 +13,8 @@ class Saying(InstanceSession):
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s, self.starved_s = 100.0, 0.0
-        monkeypatch.setattr(session, "boot_s", lambda: self.now_s)
-        monkeypatch.setattr(session, "waited_s", lambda: self.starved_s)
+        monkeypatch.setattr(ownership, "boot_s", lambda: self.now_s)
+        monkeypatch.setattr(ownership, "waited_s", lambda: self.starved_s)
         super().__init__(lambda newest: None, lambda: None)
         self._taken("us")
         self.said: list[float] = []

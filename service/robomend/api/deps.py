@@ -24,9 +24,8 @@ from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
 from robomend.repairs.repairs import Repairs
-from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
-from robomend.security import LOCAL, Principal, Role
+from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store import Store
 from robomend.store.records import ABSENT, ANY, Paging
@@ -73,11 +72,6 @@ def principal_of(request: Request) -> Principal:
     """Return whom the gate let in."""
     principal: Principal = request.scope["robomend.principal"]
     return principal
-
-
-def reporter_of(principal: Principal) -> Reporter:
-    """Return who reports. Without keys nobody can be told from the robot."""
-    return Reporter(principal.name, principal.role is Role.ROBOT or principal is LOCAL)
 
 
 async def _still(request: Request) -> Callable[[], Awaitable[bool]]:

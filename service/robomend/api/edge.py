@@ -31,11 +31,11 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from robomend.api.gate import by_name, foreign
+from robomend.api.gate import Bucket, by_name, foreign
 from robomend.api.ingestion import PATH, RULE, Express
 from robomend.api.problems import Problem, unforeseen
 from robomend.api.protocol import LINGER_BYTES, LINGER_S
-from robomend.api.shedding import Bucket, LoadShedding
+from robomend.api.shedding import LoadShedding
 from robomend.logs import PRINCIPAL, REQUEST, debugging
 from robomend.memory_limits import out_of_memory
 from robomend.metrics import Metrics

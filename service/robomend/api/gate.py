@@ -27,10 +27,10 @@ from starlette.types import Scope
 from robomend.api import lists
 from robomend.api.body import AGAIN, StrictRequest
 from robomend.api.problems import Problem
-from robomend.api.shedding import Bucket
 from robomend.errors import NotFound, RobomendError
 from robomend.logs import PRINCIPAL
 from robomend.metrics import Metrics
+from robomend.robots.reporters import Reporter
 from robomend.security import KEY, LOCAL, RULES, Principal, Role, digest, host_name, loopback
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, api_keys
@@ -177,6 +177,38 @@ def _cookie(request: Request, token: str, lasts_s: int) -> str:
 def _signed_in(found: SignIn) -> Principal:
     key = found.key
     return Principal(key.name, Role(key.role), key.robot, key.id, found.expires_ns)
+
+
+# --- not too often: a token bucket
+
+
+class Bucket:
+    """A token bucket."""
+
+    __slots__ = ("_policy", "burst", "filled_at", "rate", "tokens")
+
+    def __init__(self, rate: float, burst: int) -> None:
+        """`rate` tokens come a second, up to `burst`."""
+        self.rate, self.burst = rate, burst
+        self.tokens = float(burst)
+        self.filled_at = time.monotonic()
+        full_s = math.ceil(burst / rate)
+        self._policy = (b"ratelimit-policy", b'"key";q=%d;w=%d' % (burst, full_s))
+
+    def headers(self) -> tuple[tuple[bytes, bytes], ...]:
+        """Return what a client is told of it (draft-ietf-httpapi-ratelimit-headers)."""
+        back_s = math.ceil((self.burst - self.tokens) / self.rate)
+        return self._policy, (b"ratelimit", b'"key";r=%d;t=%d' % (self.tokens, back_s))
+
+    def take(self) -> float:
+        """Take one token; return 0, or the seconds until there is one."""
+        now = time.monotonic()
+        self.tokens = min(self.burst, self.tokens + (now - self.filled_at) * self.rate)
+        self.filled_at = now
+        if self.tokens >= 1:
+            self.tokens -= 1
+            return 0.0
+        return (1 - self.tokens) / self.rate
 
 
 # --- what a request's headers say of where it comes from.
@@ -467,6 +499,11 @@ def _check_role(
 
 _NOBODY: frozenset[Role] = frozenset()
 _UNKNOWN = "this key is unknown or revoked"
+
+
+def reporter_of(principal: Principal) -> Reporter:
+    """Return who reports. Without keys nobody can be told from the robot."""
+    return Reporter(principal.name, principal.role is Role.ROBOT or principal is LOCAL)
 
 
 class GuardedRoute(APIRoute):

@@ -15,6 +15,7 @@ import json
 import re
 import time
 from collections.abc import AsyncIterator
+from json.encoder import encode_basestring_ascii
 from typing import Any
 
 from pydantic import ValidationError
@@ -24,14 +25,13 @@ from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
 from robomend.api.body import BYTES_PER_S, check_content_type, loads, loads_in_turn, read_chunks
-from robomend.api.deps import Parts, reporter_of
-from robomend.api.gate import Admission, by_name
+from robomend.api.deps import Parts
+from robomend.api.gate import Admission, by_name, reporter_of
 from robomend.api.problems import Problem, answer_to, of_body, of_error
 from robomend.api.schemas.base import NAME
 from robomend.api.schemas.observations import OBSERVATIONS, ObservationsBody
-from robomend.api.views import accepted_response
-from robomend.errors import RobomendError
-from robomend.robots.batches import Batch
+from robomend.errors import ObservationError, RobomendError
+from robomend.robots.batches import Acknowledged, Batch
 from robomend.security import API, Principal
 from robomend.store.records import IdempotencyKey
 from robomend.yielding import Turns
@@ -77,6 +77,18 @@ def batch_of(value: Any) -> Batch:
     except ValidationError as error:
         raise of_body(error, ObservationsBody) from error
     return batch
+
+
+def accepted_response(outcome: Acknowledged) -> Response:
+    """Return what became of a batch; written directly, since this is the busiest answer of all."""
+    changed = ", ".join(map(encode_basestring_ascii, outcome.changed))
+    rest = json.dumps([_refused(fault) for fault in outcome.refused]) if outcome.refused else "[]"
+    body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
+    return Response(body, media_type="application/json")
+
+
+def _refused(fault: ObservationError) -> dict[str, Any]:
+    return {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
 
 
 def once_of(scope: Scope, principal: Principal, key: str, digest: str) -> IdempotencyKey:

@@ -9,7 +9,6 @@ import asyncio
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from json.encoder import encode_basestring_ascii
 from typing import Any
 
 from starlette.responses import Response
@@ -25,14 +24,12 @@ from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
-from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.repairs.foresight import contradicted
 from robomend.repairs.headline import of_robot
 from robomend.repairs.repair_json import repair_json
-from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import covered
@@ -198,18 +195,6 @@ def functions_out(state: Robot) -> FunctionsOut:
             for name, one in state.function_states().items()
         ]
     )
-
-
-def accepted_response(outcome: Acknowledged) -> Response:
-    """Return what became of a batch; written directly, since this is the busiest answer of all."""
-    changed = ", ".join(map(encode_basestring_ascii, outcome.changed))
-    rest = json.dumps([_refused(fault) for fault in outcome.refused]) if outcome.refused else "[]"
-    body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
-    return Response(body, media_type="application/json")
-
-
-def _refused(fault: ObservationError) -> dict[str, Any]:
-    return {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
 
 
 def obs_out(state: Robot) -> ObsOut:

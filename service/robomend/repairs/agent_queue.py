@@ -24,8 +24,8 @@ from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
 from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.store import Store, Transaction, View, agent_actions, global_stop
+from robomend.store.ownership import SURE_S, boot_s
 from robomend.store.records import AgentAction, AuditEntry, Fence
-from robomend.store.session import SURE_S, boot_s
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action, Settle
 from robomend_client.events import Event, Kind
 

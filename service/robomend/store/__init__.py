@@ -15,7 +15,7 @@
                      each subject: functions of a View that read it, of a Transaction that write it
     database.py      connections, and what differs between SQLite and PostgreSQL
     writer.py        the threads: one commits in groups, a few read
-    session.py       the instance's lock and its ear;  ownership.py  one owner per robot, with fencing numbers
+    ownership.py     one owner per robot, with fencing numbers; the instance's lock and its ear
     portable.py      export, import and backup;  pruning.py  retention, and how fast it grows
 """
 

@@ -31,9 +31,8 @@ from typing import Any, ParamSpec, TypeVar
 from robomend.errors import RobomendError, StoreError
 from robomend.store import events as log
 from robomend.store.database import Database
-from robomend.store.ownership import Ownership
+from robomend.store.ownership import InstanceSession, Ownership, PostgresSession, SqliteSession
 from robomend.store.records import StoreFigures
-from robomend.store.session import InstanceSession, PostgresSession, SqliteSession
 from robomend.store.writer import StoreThreads
 from robomend_client.events import Event, Kind
 
@@ -53,8 +52,8 @@ class Tail:
     Ids have no gaps and are committed in their order (transaction.py), so order is easy: an own commit that
     follows on the last event delivered is delivered as it is; anything else is a sign that another
     instance has written, and the log is read from the last one delivered. Signs come from the own commits and
-    from the session (session.py), which hears of other instances' commits. A sign that is lost costs nothing
-    but time, as the next one has the same effect. Belongs to the event loop.
+    from the session (ownership.py), which hears of other instances' commits. A sign that is lost costs only
+    time, as the next one has the same effect. Belongs to the event loop.
     """
 
     def __init__(self, read: Read, committing: Callable[[], bool] = lambda: False) -> None:

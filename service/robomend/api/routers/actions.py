@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 
 from robomend.api.body import while_admitted
-from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath, reporter_of
-from robomend.api.gate import GuardedRoute
+from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
+from robomend.api.gate import GuardedRoute, reporter_of
 from robomend.api.problems import Problem, problems
 from robomend.api.schemas.repair import (
     ActionOut,

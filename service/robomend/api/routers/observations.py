@@ -19,13 +19,12 @@ from robomend.api.deps import (
     RobotPath,
     parts_of,
     principal_of,
-    reporter_of,
 )
-from robomend.api.gate import GuardedRoute
-from robomend.api.ingestion import NDJSON, OPENAPI_BODY, ingest, read_batch
+from robomend.api.gate import GuardedRoute, reporter_of
+from robomend.api.ingestion import NDJSON, OPENAPI_BODY, accepted_response, ingest, read_batch
 from robomend.api.problems import problems
 from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
-from robomend.api.views import accepted_response, obs_out
+from robomend.api.views import obs_out
 from robomend.security import API
 
 router = APIRouter(prefix=f"{API}/robots/{{robot}}", tags=["observations"], route_class=GuardedRoute)

@@ -11,7 +11,8 @@ from fastapi import APIRouter, Path, Query, Request
 from markupsafe import Markup
 from starlette.responses import Response
 
-from robomend.api.deps import MomentPath, Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
+from robomend.api.deps import MomentPath, Parts, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.gate import reporter_of
 from robomend.api.page_route import PageRoute, back, page, read_form, reason_of, shell, wanted_parts
 from robomend.api.problems import Problem
 from robomend.api.routers.moments import moment_out
