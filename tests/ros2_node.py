@@ -132,9 +132,6 @@ class Commands:
         publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, 10)
         self.node.create_subscription(kind, line["topic"], publisher.publish, quality(line))
 
-    def error(self, line: dict[str, Any]) -> None:
-        self.node.get_logger().error("as asked")
-
     def hush(self, line: dict[str, Any]) -> None:
         self.node.destroy_timer(self.timers.pop(line["topic"]))
 

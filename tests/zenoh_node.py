@@ -202,11 +202,6 @@ class Commands:
             f"{self.domain}{topic}/{self.wire(line)}", heard
         )
 
-    def seen(self, line: dict[str, Any]) -> list[str]:
-        """Return the tokens that are there."""
-        found = self.session.liveliness().get(f"@ros2_lv/{self.domain}/**", timeout=5)
-        return [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
-
 
 def main() -> None:
     endpoint, *more, name = sys.argv[1:]

@@ -30,8 +30,6 @@ class Talker:
         self._topics: dict[str, dict[str, Any]] = {}
         self._saying = threading.Lock()
         self._said_ns = 0
-        self.late_s = 0.0
-        """The longest that it was silent against its will; whoever wants to know sets it to 0."""
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -51,7 +49,7 @@ class Talker:
 
     def _run(self) -> None:
         bus: Bus | None = None
-        due = said = time.monotonic()
+        due = time.monotonic()
         while not self._end.wait(max(0.0, due - time.monotonic())):
             due = max(due + 0.1, time.monotonic() - 0.05)
             try:
@@ -60,8 +58,6 @@ class Talker:
                     self._said_ns = time.time_ns()
                     for topic, message in tuple(self._topics.items()):
                         bus.publish(topic, **message)
-                before, said = said, time.monotonic()
-                self.late_s = max(self.late_s, said - before - 0.1)
             except BusGone:
                 bus = None
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import SLEEPER, agent, config, kept_s
+from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.clients.talker import free_port, watching
 
@@ -60,94 +60,69 @@ def test_a_topic_that_falls_silent_is_told_with_its_evidence(service: ServiceDou
         assert silent(since_ns + 1)[0]["onset"] == [onset_ns]
 
 
-def test_values_and_fields_reach_observers_of_every_kind(service: ServiceDouble, tmp_path: Path) -> None:
-    (tmp_path / "checks.py").write_text("def cool(value: float) -> bool:\n    return value < 60\n")
+def test_values_and_fields_reach_observers_and_what_nobody_sees_or_fails_is_unknown(
+    service: ServiceDouble, tmp_path: Path
+) -> None:
+    (tmp_path / "checks.py").write_text(
+        "def cool(value: float) -> bool:\n    return value < 60\n"
+        "def bad(value: float) -> bool:\n    return 1 / (value - 1) > 0\n"
+    )
     observers = {
-        "temperature": {"kind": "property", "source": "motor:temperature", "high": 60},
+        "temperature": {"kind": "property", "source": "motor:temperature", "high": 60, "lifetime_s": 0.5},
         "motor": {"kind": "checks.py:cool", "source": "motor:temperature"},
         "x": {"kind": "qualitative", "source": "odom:pose.x", "window_s": 0.5},
+        "bad": {"kind": "checks.py:bad", "source": "odom:pose.x"},
         "hokuyo": {"kind": "diagnostic", "status": ["hokuyo: *"]},
         "host": {"kind": "property", "source": "host:Mem", "high": 1},
         "ok(Mem,node)": {"kind": "property", "source": "processes:Mem(node)", "high": 0.9},
-    }
-    processes = {"node": {"command": SLEEPER, "start": True}}
-    with watching(tmp_path, service.url, observers=observers, processes=processes) as (_, talker):
-        talker.say("motor", data={"temperature": 70.0})
-        talker.say("odom", fields={"pose.x": 1})
-        talker.say("diagnostics", data=[{"name": "hokuyo: connection", "level": 2}])
-        expected = {
-            "ok(temperature)": False, "ok(motor)": False, "const(x)": True, "inc(x)": False, "ok(hokuyo)":
-            False, "ok(host)": True, "ok(Mem,node)": True, "running(node)": True,
-        }  # fmt: skip
-        eventually(lambda: expected.items() <= service.holds().items(), f"{expected}")
-
-
-def test_two_observers_of_one_atom_and_bad_news_wins(service: ServiceDouble, tmp_path: Path) -> None:
-    observers = {
-        "scan": {"kind": "general"},
         "range": {"kind": "property", "source": "scan:range", "low": 0.1, "atom": "ok(scan)"},
     }
-    with watching(tmp_path, service.url, observers=observers) as (_, talker):
+    processes = {"node": {"command": SLEEPER, "start": True}}
+    topics = {"scan": {"tolerance_hz": 8, "silence_s": 10}}
+    sections: dict[str, Any] = {"observers": observers, "processes": processes, "topics": topics}
+    with watching(tmp_path, service.url, **sections) as (_, talker):
+        talker.say("motor", data={"temperature": 70.0})
+        talker.say("odom", fields={"pose.x": 2})
+        talker.say("diagnostics", data=[{"name": "hokuyo: connection", "level": 2}])
         talker.say("scan", data={"range": 1.0})
-        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
-        talker.say("scan", data={"range": 0.0})
+        expected = {
+            "ok(temperature)": False, "ok(motor)": False, "const(x)": True, "inc(x)": False, "ok(hokuyo)":
+            False, "ok(host)": True, "ok(Mem,node)": True, "running(node)": True, "ok(bad)": True,
+            "ok(scan)": True,
+        }  # fmt: skip
+        eventually(lambda: expected.items() <= service.holds().items(), f"{expected}")
+        talker.say("scan", data={"range": 0.0})  # of two observers of one atom bad news wins
         eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)")
-
-
-def test_what_nobody_can_see_any_more_is_told_to_be_unknown(service: ServiceDouble, tmp_path: Path) -> None:
-    observers = {"t": {"kind": "property", "source": "motor:t", "high": 60, "lifetime_s": 0.3}}
-    with watching(tmp_path, service.url, observers=observers) as (_, talker):
-        talker.say("motor", data={"t": 1})
-        eventually(lambda: service.holds().get("ok(t)"), "ok(t)")
         talker.hush("motor")
-        eventually(lambda: any("ok(t)" in batch.get("unknown", ()) for batch in service.batches()), "unknown")
+        eventually(lambda: service.signs().get("ok(temperature)", True) is None, "nobody can see it any more")
+        talker.say("odom", fields={"pose.x": 1})
+        eventually(lambda: service.signs().get("ok(bad)", True) is None, "its observer raises")
+        talker.say("odom", fields={"pose.x": 2})
+        eventually(lambda: service.signs().get("ok(bad)") is True, "it has come to its senses")
+    log = (tmp_path / "agent.log").read_text()
+    assert len(re.findall(r"failed: ZeroDivisionError.*checks\.py:4", log)) == 1
 
 
-def test_an_observer_that_raises_is_unknown_and_the_others_go_on(
+def test_the_poll_says_what_the_agent_can_do_and_sees_and_observers_judge_anew_when_it_is_asked_for(
     service: ServiceDouble, tmp_path: Path
 ) -> None:
-    (tmp_path / "bad.py").write_text("def bad(value: float) -> bool:\n    return 1 / (value - 1) > 0\n")
-    observers = {"bad": {"kind": "bad.py:bad", "source": "motor:t"}}
-    with watching(tmp_path, service.url, observers=observers, topics={"motor": {}}) as (_, talker):
-        talker.say("motor", data={"t": 2})
-        eventually(lambda: service.holds().get("ok(bad)"), "ok(bad)")
-        talker.say("motor", data={"t": 1})
-        eventually(lambda: any("ok(bad)" in b.get("unknown", ()) for b in service.batches()), "unknown")
-        eventually(lambda: service.holds().get("ok(motor)"), "ok(motor)")
-        talker.say("motor", data={"t": 2})
-        eventually(
-            lambda: said(service, "ok(bad)")[-1]["time"] > said(service, "ok(bad)")[0]["time"], "again"
-        )
-    log = (tmp_path / "agent.log").read_text()
-    assert len(re.findall(r"failed: ZeroDivisionError.*bad\.py:2", log)) == 1
-
-
-def test_the_poll_says_what_the_agent_can_do_and_what_it_sees(service: ServiceDouble, tmp_path: Path) -> None:
     actions = {"home": {"kind": "process", "command": ["true"]}}
-    processes = {"laser": {"command": SLEEPER}}
-    with watching(tmp_path, service.url, topics={"scan": {}}, processes=processes, actions=actions):
+    processes = {"laser": {"command": SLEEPER, "start": True}}
+    bus_topics: dict[str, Any] = {"scan": {}, "odom": {}}
+    sections: dict[str, Any] = {"topics": bus_topics, "processes": processes, "actions": actions}
+    with watching(tmp_path, service.url, **sections) as (_, talker):
         eventually(lambda: service.polls, "a poll")
         poll = service.polls[0]
-        assert poll["can"] == [
-            "start_node:laser",
-            "stop_node:laser",
-            *(f"{name}:{what}" for name in ("plant_fault", "undo_fault") for what in ("laser", "scan")),
-            "home",
-        ]
-        assert {entry["atom"]: entry["detection_s"] for entry in poll["observes"]} == {
-            "ok(scan)": 0.4,
-            "running(laser)": 0.1,
-        }
+        drilled = [f"{name}_fault:{what}" for name in ("plant", "undo") for what in ("laser", "scan", "odom")]
+        own = ["start_node:laser", "stop_node:laser"]
+        assert sorted(poll["can"]) == sorted([*own, *drilled, "home"])
+        delays_s = {"ok(scan)": 0.4, "ok(odom)": 0.4, "running(laser)": 0.1}
+        assert {entry["atom"]: entry["detection_s"] for entry in poll["observes"]} == delays_s
         assert poll["settled"] is None
         assert service.do("r:1", "home")["code"] == 0
-
-
-def test_observers_judge_anew_when_the_service_wants_them_to(service: ServiceDouble, tmp_path: Path) -> None:
-    processes = {"laser": {"command": SLEEPER, "start": True}}
-    with watching(tmp_path, service.url, topics={"scan": {}, "odom": {}}, processes=processes) as (_, talker):
         talker.say("scan")
         talker.say("odom")
-        eventually(lambda: {"ok(scan)", "ok(odom)", "running(laser)"} <= service.holds().keys(), "all")
+        eventually(lambda: delays_s.keys() <= service.holds().keys(), "all")
         asked_ns = time.time_ns()
         service.settle = {"n": 7, "atoms": ["ok(scan)", "running(laser)", "ok(elsewhere)"]}
         eventually(lambda: service.polls[-1].get("settled") == 7, "a poll that says that it was heard")
@@ -161,27 +136,6 @@ def test_observers_judge_anew_when_the_service_wants_them_to(service: ServiceDou
 
         eventually(lambda: spoken_of() == {"ok(scan)", "running(laser)"}, "both, with the number")
         assert all(since_ns >= asked_ns for batch in answers() for since_ns in batch["since"])
-
-
-def test_an_agent_that_stood_still_takes_nothing_for_silence(service: ServiceDouble, tmp_path: Path) -> None:
-    with watching(tmp_path, service.url, topics={"scan": {}}) as (process, talker):
-        talker.say("scan")
-        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
-        while True:
-            talker.late_s, silences = 0.0, len(said(service, "not ok(scan)"))
-            kept = kept_s(process.pid)
-            process.send_signal(signal.SIGSTOP)
-            time.sleep(1.0)  # three times the silence that counts; the topic goes on
-            process.send_signal(signal.SIGCONT)
-            on_ns = time.time_ns()
-            eventually(
-                lambda: said(service, "ok(scan)")[-1].get("since", [0])[0] > on_ns,  # noqa: B023  # at once
-                "evidence from after it",
-            )
-            if len(said(service, "not ok(scan)")) == silences:
-                break
-            # On a busy computer the topic may be silent, and the agent too late for what it says.
-            assert talker.late_s + kept_s(process.pid) - kept > 0.1, "it was taken for silence"
 
 
 def test_a_live_run_and_the_replay_of_its_recording_say_the_same_at_the_same_times(

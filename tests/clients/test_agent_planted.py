@@ -29,18 +29,20 @@ def service() -> Iterator[ServiceDouble]:
         yield service
 
 
-def node(tmp_path: Path) -> dict[str, Any]:
-    """Return the processes of an agent with one node, `walker`, that writes its pid."""
-    write = f"import os; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); "
-    command = [SLEEPER[0], "-c", write + "import time; time.sleep(1000)"]
-    return {"walker": {"command": command, "start": True, "ready": "exec"}}
+def node(tmp_path: Path, *names: str) -> dict[str, Any]:
+    """Return the processes of an agent with these nodes, or with `walker`, which write their numbers."""
+    write = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(1000)"
+    return {
+        name: {"command": [*SLEEPER[:2], write, str(tmp_path / name)], "start": True, "ready": "exec"}
+        for name in names or ("walker",)
+    }
 
 
-def pid(tmp_path: Path, other_than: int = 0) -> int:
+def pid(tmp_path: Path, other_than: int = 0, name: str = "walker") -> int:
     """Return the node's process once it has written it."""
 
     def written() -> int:
-        text = (tmp_path / "pid").read_text() if (tmp_path / "pid").exists() else ""
+        text = (tmp_path / name).read_text() if (tmp_path / name).exists() else ""
         return int(text) if text and int(text) != other_than else 0
 
     eventually(written, "a pid")
@@ -141,25 +143,27 @@ def test_an_agent_that_joins_the_bus_of_another_disturbs_no_topic(
         assert "plant_fault:scan" not in service.polls[-1]["can"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
 def test_what_an_agent_that_was_killed_had_planted_the_next_one_undoes(
-    tmp_path: Path, service: ServiceDouble, kind: str
+    tmp_path: Path, service: ServiceDouble
 ) -> None:
-    file = config(tmp_path, service.url, node(tmp_path), when_agent_ends="keep")
+    file = config(tmp_path, service.url, node(tmp_path, *KINDS), when_agent_ends="keep")
     with agent(file) as running:
-        first = pid(tmp_path)
-        assert service.do("d:1", "plant_fault", "walker", kind, "60")["code"] == OK
-        [lease] = leases(tmp_path)
+        first = {kind: pid(tmp_path, name=kind) for kind in KINDS}
+        for kind in KINDS:
+            assert service.do(f"d:{kind}", "plant_fault", kind, kind, "60")["code"] == OK
+        [stand_in] = [lease["pid"] for lease in leases(tmp_path) if lease["kind"] == "node-mute"]
         running.send_signal(signal.SIGKILL)
         running.wait(20)
-    if kind == "node-mute":
-        eventually(lambda: not alive(lease["pid"]), "the stand-in ends with its agent")
+    eventually(lambda: not alive(stand_in), "the stand-in ends with its agent")
     with agent(file):
-        eventually(lambda: leases(tmp_path) == [], "the lease is over")
-        now = first if kind == "node-frozen" else pid(tmp_path, other_than=first)
-        assert (alive(now), halted(now)) == (True, False)
-        eventually(lambda: marked(str(tmp_path / "pid")) == [now], "no other process is left")
-    os.kill(now, signal.SIGKILL)
+        eventually(lambda: leases(tmp_path) == [], "the leases are over")
+        for kind in KINDS:
+            other = 0 if kind == "node-frozen" else first[kind]
+            now = pid(tmp_path, other_than=other, name=kind)
+            assert (now == first[kind]) is (kind == "node-frozen")
+            assert (alive(now), halted(now)) == (True, False)
+            eventually(lambda: marked(str(tmp_path / kind)) == [now], "no other process is left")  # noqa: B023  # at once
+            os.kill(now, signal.SIGKILL)
 
 
 def test_the_next_agent_undoes_nothing_during_the_global_stop(tmp_path: Path, service: ServiceDouble) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import json
 import os
 import socket
@@ -138,25 +137,6 @@ def test_a_connection_that_is_made_while_the_bus_closes_is_ended() -> None:
         await closing
 
     with_broker("tcp:127.0.0.1:0", test)
-
-
-@pytest.mark.parametrize("turns", range(4))
-def test_connections_that_come_as_the_bus_closes_leave_nothing_behind(turns: int) -> None:
-    async def test(broker: Broker, heard: Heard) -> None:
-        clients = [socket.socket() for _ in range(5)]
-        where = parse_address(broker.address)
-        for client in clients:
-            client.setblocking(False)
-            with contextlib.suppress(BlockingIOError):
-                client.connect(where)
-        for _ in range(turns):
-            await asyncio.sleep(0)
-        await broker.close()
-        for client in clients:
-            client.close()
-
-    with_broker("tcp:127.0.0.1:0", test)
-    gc.collect()  # an exception of what is left fails the test
 
 
 def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() -> None:

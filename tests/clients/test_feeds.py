@@ -120,12 +120,6 @@ def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
     assert "ros1 needs what is installed with: pip install 'robomend-client[ros1]'" in capsys.readouterr().err
 
 
-def test_the_section_of_a_feed_is_enough_to_want_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(NEEDS, "ros1", ("no_module_that_anybody_has",))
-    with pytest.raises(MissingExtra):
-        load(written(tmp_path, "  scan: {kind: general}", "ros1: {}"))
-
-
 def test_topics_may_come_from_elsewhere_all_or_each(tmp_path: Path) -> None:
     topics = "rate: {from: ros1}\ntopics: {scan: {}, odom: {from: bus}}"
     config = load(written(tmp_path, "  x: {kind: general}", topics))

@@ -64,20 +64,19 @@ def listening_in(folder: Path, service: ServiceDouble) -> Iterator[tuple[Any, Ta
             talker.close()
 
 
-def test_a_bus_whose_agent_is_halted_is_unknown_and_none_of_its_topics_silent(tmp_path: Path) -> None:
+def test_a_bus_whose_agent_is_halted_is_unknown_and_none_of_its_topics_silent_as_one_that_is_heard(
+    tmp_path: Path,
+) -> None:
     unknown = {"ok(scan)": None, "ok(level)": None}
-    with service_double() as service, listening_in(tmp_path, service) as (owning, _):
+    with service_double() as service, listening_in(tmp_path, service) as (owning, talker):
         batches = len(service.batches())
         owning.send_signal(signal.SIGSTOP)
         try:
             eventually(lambda: unknown.items() <= service.signs().items(), "nothing is known", 60)
         finally:
             owning.send_signal(signal.SIGCONT)
-    assert said_bad(service, batches) == set()
-
-
-def test_of_a_bus_that_is_heard_silence_is_told_as_ever(tmp_path: Path) -> None:
-    with service_double() as service, listening_in(tmp_path, service) as (_, talker):
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
+        assert said_bad(service, batches) == set()
         talker.hush("scan")
         eventually(lambda: service.signs().get("ok(scan)") is False, "silence", 60)
         assert service.signs().get("ok(level)") is True

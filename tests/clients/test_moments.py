@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import resource
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.clients.talker import watching
 
+from robomend_client.agent.main import main
 from robomend_client.agent.moments import clean, last_lines
 from robomend_client.agent.ring import Ring, TopicDescription, write
 from robomend_client.observers import SECOND
@@ -186,12 +186,12 @@ def test_switched_off_nothing_is_kept(service: ServiceDouble, tmp_path: Path) ->
     assert waiting(tmp_path) == []
 
 
-def test_recording_without_what_it_needs_is_refused(tmp_path: Path) -> None:
+def test_recording_without_what_it_needs_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = config(tmp_path, "http://127.0.0.1:1", {}, moments={"record": True, "memory_mb": 0.1})
-    command = [sys.executable, "-m", "robomend_client.agent.main", "--check", str(file)]
-    said = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert said.returncode == 2
-    assert "moments.memory_mb" in said.stderr
+    assert main(["--check", str(file)]) == 2
+    assert "moments.memory_mb" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

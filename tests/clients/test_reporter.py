@@ -20,7 +20,6 @@ from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import timeout
-from robomend_client.readings import Reading, Symptom
 from robomend_client.rest import AsyncClient
 
 SCAN, ODOM = Atom("ok", ("scan",)), Atom("ok", ("odom",))
@@ -115,19 +114,6 @@ def test_a_heartbeat_says_all_of_it_with_the_present_evidence(tmp_path: Path) ->
     assert "settled" not in last
 
 
-def test_readings_go_with_changes_and_with_heartbeats(tmp_path: Path) -> None:
-    slow = Reading("6 of 10 Hz", symptom=Symptom.SLOW)
-
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        seen.say(good(ODOM, 50), bad(SCAN, 50)._replace(reading=slow))
-        await until(lambda: len(got) >= 2)
-        seen.standing[SCAN] = Verdict(-Literal(SCAN), 70, None, Reading(5.5, "Hz"))
-        await until(lambda: got[-1].get("readings") == [None, {"value": 5.5, "unit": "Hz"}])
-
-    first = reporting(tmp_path, test)[0]
-    assert first["readings"] == [None, {"value": "6 of 10 Hz", "symptom": "slow"}]
-
-
 def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> None:
     async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
         seen.say(good(SCAN, 50), good(ODOM, 50))
@@ -167,14 +153,6 @@ def test_what_was_judged_anew_and_is_bad_is_said_again_before_the_next_heartbeat
     assert all((one["observations"], one["since"]) == (["not ok(scan)"], [70]) for one in again)
     assert not any("settled" in one for one in again)
     assert got[-1]["observations"] == ["ok(scan)", "not ok(odom)"]  # of its own, and not followed any more
-
-
-def test_of_two_changes_at_one_time_the_last_counts(tmp_path: Path) -> None:
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        seen.say(good(SCAN, 50), bad(SCAN, 50))
-        await until(lambda: got)
-
-    assert reporting(tmp_path, test)[0]["observations"] == ["not ok(scan)"]
 
 
 @pytest.mark.parametrize("turns", range(6))

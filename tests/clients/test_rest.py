@@ -123,51 +123,44 @@ def test_a_version_comes_back_with_the_resource_and_goes_out_with_its_change(
     assert service.headers[-1]["if-match"] == '"v7"'
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "method", "path"),
-    [
-        ("models", (), "GET", "/models"),
-        ("model", ("m",), "GET", "/models/m"),
-        ("put_model", ("m", "robomend: 1"), "PUT", "/models/m"),
-        ("delete_model", ("m", '"1"'), "DELETE", "/models/m"),
-        ("model_versions", ("m",), "GET", "/models/m/versions"),
-        ("robots", (), "GET", "/robots"),
-        ("delete_robot", ("r", '"1"'), "DELETE", "/robots/r"),
-        ("observations", ("r",), "GET", "/robots/r/observations"),
-        ("withdraw", ("r", "a/b"), "DELETE", "/robots/r/assertions/a/b"),
-        ("diagnosis", ("r",), "GET", "/robots/r/diagnosis"),
-        ("probes", ("r",), "GET", "/robots/r/probes"),
-        ("diagnose", ({"model": "m"},), "POST", "/diagnoses"),
-        ("plan", ("r",), "POST", "/robots/r/plans"),
-        ("start_repair", ("r",), "POST", "/robots/r/repairs"),
-        ("repairs", ("r",), "GET", "/robots/r/repairs"),
-        ("status", ("lidar",), "GET", "/status"),
-        ("all_repairs", (), "GET", "/repairs"),
-        ("repair", ("x",), "GET", "/repairs/x"),
-        ("approve", ("x",), "POST", "/repairs/x"),
-        ("cancel", ("x",), "POST", "/repairs/x"),
-        ("quarantine", ("r",), "GET", "/robots/r/quarantine"),
-        ("release", ("r", "c"), "POST", "/robots/r/quarantine/c/release"),
-        ("stopped", (), "GET", "/stop"),
-        ("stop", ("why",), "POST", "/stop"),
-        ("resume", (), "DELETE", "/stop"),
-        ("board", ("r",), "GET", "/robots/r/board"),
-        ("switch_channel", ("r", 7, False), "PUT", "/robots/r/board/channels/7"),
-        ("history", ("r", "diagnosis"), "GET", "/robots/r/history"),
-        ("audit", (), "GET", "/audit"),
-    ],
-)
-def test_each_call_has_its_route(
-    service: ServiceDouble,
-    call: Callable[..., Any],
-    name: str,
-    arguments: tuple[Any, ...],
-    method: str,
-    path: str,
-) -> None:
-    asked = answering(service, (200, {}))
-    call(name, *arguments)
-    assert asked == [(method, f"/api/v1{path}")]
+ROUTES: list[tuple[str, tuple[Any, ...], str, str]] = [
+    ("models", (), "GET", "/models"),
+    ("model", ("m",), "GET", "/models/m"),
+    ("put_model", ("m", "robomend: 1"), "PUT", "/models/m"),
+    ("delete_model", ("m", '"1"'), "DELETE", "/models/m"),
+    ("model_versions", ("m",), "GET", "/models/m/versions"),
+    ("robots", (), "GET", "/robots"),
+    ("delete_robot", ("r", '"1"'), "DELETE", "/robots/r"),
+    ("observations", ("r",), "GET", "/robots/r/observations"),
+    ("withdraw", ("r", "a/b"), "DELETE", "/robots/r/assertions/a/b"),
+    ("diagnosis", ("r",), "GET", "/robots/r/diagnosis"),
+    ("probes", ("r",), "GET", "/robots/r/probes"),
+    ("diagnose", ({"model": "m"},), "POST", "/diagnoses"),
+    ("plan", ("r",), "POST", "/robots/r/plans"),
+    ("start_repair", ("r",), "POST", "/robots/r/repairs"),
+    ("repairs", ("r",), "GET", "/robots/r/repairs"),
+    ("status", ("lidar",), "GET", "/status"),
+    ("all_repairs", (), "GET", "/repairs"),
+    ("repair", ("x",), "GET", "/repairs/x"),
+    ("approve", ("x",), "POST", "/repairs/x"),
+    ("cancel", ("x",), "POST", "/repairs/x"),
+    ("quarantine", ("r",), "GET", "/robots/r/quarantine"),
+    ("release", ("r", "c"), "POST", "/robots/r/quarantine/c/release"),
+    ("stopped", (), "GET", "/stop"),
+    ("stop", ("why",), "POST", "/stop"),
+    ("resume", (), "DELETE", "/stop"),
+    ("board", ("r",), "GET", "/robots/r/board"),
+    ("switch_channel", ("r", 7, False), "PUT", "/robots/r/board/channels/7"),
+    ("history", ("r", "diagnosis"), "GET", "/robots/r/history"),
+    ("audit", (), "GET", "/audit"),
+]
+
+
+def test_each_call_has_its_route(service: ServiceDouble, call: Callable[..., Any]) -> None:
+    for name, arguments, method, path in ROUTES:
+        asked = answering(service, (200, {}))
+        call(name, *arguments)
+        assert asked == [(method, f"/api/v1{path}")]
 
 
 def test_both_clients_have_the_same_methods() -> None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+from tests.ros1 import Robot
+from tests.ros2 import Ros2Robot
 from tests.waiting import eventually
+from tests.zenoh_robot import ZenohRobot
 
 from robomend_client.agent.feeds import load_feed
 from robomend_client.observers import Contact, Publishers
@@ -110,3 +113,16 @@ async def hearing(folder: Path, origin: str, keys: str, *sources: str) -> AsyncI
     finally:
         await end([task])
         logger.removeHandler(handler)
+
+
+def listening(
+    robot: Robot | Ros2Robot | ZenohRobot, *sources: str, more: str = ""
+) -> AbstractAsyncContextManager[Heard]:
+    """Run the bridge to a robot; `more` are further keys of its section."""
+    if isinstance(robot, Robot):
+        origin, folder, keys = "ros1", robot.master.folder, f"master: '{robot.master.uri}'"
+    elif isinstance(robot, Ros2Robot):
+        origin, folder, keys = "ros2", robot.folder, f"domain: {robot.domain}\ndiscovery: localhost"
+    else:
+        origin, folder, keys = "zenoh", robot.folder, f"connect: ['{robot.endpoint}']\ndiscovery_s: 0.5"
+    return hearing(folder, origin, f"{keys}\nname: robomend_test\n{more}\n", *sources)

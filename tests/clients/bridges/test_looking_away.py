@@ -5,16 +5,15 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.bridges.any_robot import ORIGINS, AnyRobot, any_robot
-from tests.clients.bridges.ros2.listening import hearing
+from tests.clients.bridges.any_robot import AnyRobot
+from tests.clients.bridges.hearing import listening
 from tests.clients.bridges.ros2.test_split import soon_lost
 from tests.clients.running_agent import agent, config
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.ros2 import robot as ros2_robot
 
 from robomend_client.observers import Change, Driver, GeneralObserver, Rate
@@ -23,12 +22,6 @@ LONG_S = 12.0
 """Longer than our lease in DDS, of 10 s: then all others have dropped us."""
 
 CALM = Rate(10, 8)
-
-
-@pytest.fixture(params=ORIGINS)
-def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[AnyRobot]:
-    with any_robot(request.param, tmp_path) as found:
-        yield found
 
 
 def said(service: ServiceDouble, since: int) -> set[str]:
@@ -48,15 +41,24 @@ def watching(robot: AnyRobot) -> dict[str, Any]:
 WELL = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
 
 
-@pytest.mark.parametrize("long_s", [3.0, LONG_S])
+@pytest.mark.timeout(300)  # a whole session
 def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
-    robot: AnyRobot, tmp_path: Path, long_s: float
+    robot: AnyRobot, service: ServiceDouble, tmp_path: Path
 ) -> None:
     sections = watching(robot)
-    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
+    sections[robot.origin] = {**robot.section, "discovery_s": 2} if robot.origin != "ros1" else robot.section
+    with agent(config(tmp_path, service.url, {}, **sections)) as halted:
+        log = tmp_path / "agent.log"
+        eventually(lambda: "is up" in log.read_text(), "the agent", 60)
+        for _ in range(2):  # while it looks who is there
+            halted.send_signal(signal.SIGSTOP)
+            time.sleep(3)  # time itself is what passes unseen
+            halted.send_signal(signal.SIGCONT)
+            time.sleep(0.3)  # so long it looks
         eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
+        assert said(service, 0) == set(WELL)
         halted.send_signal(signal.SIGSTOP)
-        time.sleep(long_s)  # time itself is what passes unseen
+        time.sleep(LONG_S)  # likewise
         batches = len(service.batches())
         halted.send_signal(signal.SIGCONT)
         eventually(lambda: len(service.batches()) > batches + 10, "more of it", 60)
@@ -64,31 +66,14 @@ def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
         assert said(service, batches) == set(WELL)
 
 
-def test_an_agent_that_was_halted_while_it_looked_who_is_there_goes_on_looking(
-    robot: AnyRobot, tmp_path: Path
-) -> None:
-    sections = watching(robot)
-    sections[robot.origin] = {**robot.section, "discovery_s": 2} if robot.origin != "ros1" else robot.section
-    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
-        log = tmp_path / "agent.log"
-        eventually(lambda: "is up" in log.read_text(), "the agent", 60)
-        for _ in range(2):
-            halted.send_signal(signal.SIGSTOP)
-            time.sleep(3)  # time itself is what passes unseen
-            halted.send_signal(signal.SIGCONT)
-            time.sleep(0.3)  # so long it looks
-        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
-        assert said(service, 0) == set(WELL)
-
-
 @pytest.mark.parametrize("robot", ["ros2", "zenoh"], indirect=True)
 def test_what_waited_while_the_agent_was_halted_is_no_sign_that_others_have_found_it_again(
-    robot: AnyRobot, tmp_path: Path
+    robot: AnyRobot, service: ServiceDouble, tmp_path: Path
 ) -> None:
     """They are busy when it goes on, and find it later: until then their topics are unknown."""
     sections = watching(robot)
     topics = {name: WELL[name] for name in ("ok(laser)", "ok(motor)")}
-    with service_double() as service, agent(config(tmp_path, service.url, {}, **sections)) as halted:
+    with agent(config(tmp_path, service.url, {}, **sections)) as halted:
         eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
         halted.send_signal(signal.SIGSTOP)
         time.sleep(LONG_S)  # time itself is what passes unseen
@@ -114,13 +99,13 @@ def test_one_peer_that_was_halted_for_longer_than_its_lease_leaves_all_others_as
         changes: list[Change] = []
         driver = Driver([GeneralObserver(name, CALM) for name in (*others, "laser")], time.time_ns())
 
-        async with hearing(ros, *others, "laser", "nodes", more="discovery_s: 1") as heard:
+        async with listening(ros, *others, "laser", "nodes", more="discovery_s: 1") as heard:
 
-            def listened(source: str, value: object, time_ns: int | None) -> None:
+            def taken(source: str, value: object, time_ns: int | None) -> None:
                 now_ns = time.time_ns()
                 changes.extend(driver.sample(source, time_ns or now_ns, value, now_ns))
 
-            heard.listener = listened
+            heard.listener = taken
             for source in (*others, "laser"):
                 await heard.more(source, 20)
             await heard.runs(dict.fromkeys(ros.nodes, True))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import config
+from tests.clients.running_agent import agent, config
+from tests.clients.service_double import eventually
 
 from robomend_client.agent.config import load
 from robomend_client.agent.feeds import EXTRAS, NEEDS
@@ -70,3 +73,38 @@ def test_the_manual_s_example_is_read_and_an_unknown_key_refused(origin: str, tm
     file.write_text(file.read_text().replace(f"\n{origin}:\n", f"\n{origin}:\n  nonsense: 1\n"))
     with pytest.raises(ConfigError, match=rf"{origin}\.nonsense: .*known are "):
         load(file)
+
+
+@pytest.mark.parametrize(
+    ("sections", "imported"),
+    [
+        ({}, []),
+        ({"topics": {"scan": {"from": "ros1"}}, "ros1": {}}, []),
+        ({"topics": {"scan": {"from": "ros2"}}, "ros2": {}}, ["cyclonedds"]),
+    ],
+)
+def test_what_nobody_looks_into_needs_no_reader(
+    sections: dict[str, Any], imported: list[str], tmp_path: Path
+) -> None:
+    code = (
+        "import sys; from pathlib import Path; from robomend_client.agent.config import load; "
+        "load(Path(sys.argv[1])); print(sorted({'rosbags', 'numpy', 'cyclonedds'} & sys.modules.keys()))"
+    )
+    file = config(tmp_path, "http://127.0.0.1:1", {}, **sections)
+    command = [sys.executable, "-c", code, str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(imported)
+
+
+def test_a_network_that_cannot_be_entered_is_told_once_and_the_agent_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_such = "<General><Interfaces><NetworkInterface name='no_such0'/></Interfaces></General>"
+    monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain id='any'>{no_such}</Domain></CycloneDDS>")
+    sections: dict[str, Any] = {"ros2": {"discovery": "subnet"}, "zenoh": {"connect": ["nonsense"]}}
+    log = tmp_path / "agent.log"
+    told = ("ROS 2, DDS: domain 0 cannot be entered", "zenoh, the session: cannot be opened")
+    with agent(config(tmp_path, "http://127.0.0.1:1", {}, **sections)) as process:
+        eventually(lambda: all(one in log.read_text() for one in told), "both complaints", 60)
+        assert process.poll() is None
+    assert [log.read_text().count(one) for one in told] == [1, 1]

@@ -37,36 +37,6 @@ from robomend_client.observers.observer_state import CHANCES
 # --- the order of events ----------------------------------------------------------------------------------
 
 
-def test_a_late_wake_up_makes_up_for_its_ticks_with_the_samples_in_their_places() -> None:
-    driver = Driver([GeneralObserver("scan", RATE)], 0)
-    beat(driver, "scan", 0, 11)
-    assert values(driver.advance(ns(1.4))) == []
-    (silent,) = driver.advance(ns(7))  # late by far: the tick has its own time all the same
-    assert (silent.time_ns, silent.value) == (ns(1.5), fails("ok", "scan"))
-    assert (silent.since_ns, silent.onset_ns) == (ns(1.0), ns(1.0))
-
-
-def test_all_ticks_up_to_a_samples_time_come_before_the_sample() -> None:
-    driver = Driver([GeneralObserver("scan", RATE)], 0)
-    beat(driver, "scan", 0, 11)
-    assert values(driver.sample("scan", ns(1.5), now_ns=ns(1.5))) == ["not ok(scan)"]
-
-
-def test_ticks_are_on_one_grid_whenever_it_begins() -> None:
-    for start_s in (0.0, 0.013, 0.05):
-        driver = Driver([GeneralObserver("scan", RATE)], ns(start_s))
-        changes = beat(driver, "scan", 0.06, 10)
-        assert [(c.time_ns, str(c.value)) for c in changes] == [(ns(0.6), "ok(scan)")]
-
-
-def test_an_observer_without_a_period_is_asked_after_each_sample() -> None:
-    driver = Driver([NodeObserver(["a"])], 0)
-    (change,) = driver.sample(PROCESSES, 123_456_789, {"a"})
-    assert change._replace(reading=None) == Change(
-        123_456_789, Atom("running", ("a",)), holds("running", "a"), 123_456_789
-    )
-
-
 def test_a_sample_that_nobody_wants_is_nothing() -> None:
     driver = Driver([Told("a")], 0)
     assert (driver.sample("b", ns(1), 1), driver.now_ns) == ((), 0)
@@ -87,20 +57,6 @@ def test_when_the_timer_wakes_up_makes_no_difference(gaps_ms: list[int], wakes_m
         return [*changes, *driver.advance(time_ns + SECOND)]
 
     assert run(sorted(ms * 1_000_000 for ms in wakes_ms)) == run([])
-
-
-def test_the_next_tick_is_known() -> None:
-    driver = Driver([GeneralObserver("scan", RATE)], 0)
-    driver.advance(ns(0.05))
-    assert driver.next_ns == ns(0.5)
-    assert Driver([], 0).next_ns is None
-
-
-def test_unknown_from_now_on_is_a_change() -> None:
-    driver = Driver([NodeObserver(["a"], Table(lifetime_s=1))], 0)
-    driver.sample(PROCESSES, ns(0.5), ["a"], ns(0.5))
-    assert driver.advance(ns(9)) == [Change(ns(1.5), Atom("running", ("a",)), None)]
-    assert driver.standing() == []
 
 
 def test_heartbeats_carry_the_present_evidence_and_change_nothing() -> None:
@@ -133,14 +89,6 @@ def test_a_successor_that_stays_mute_is_not_ok_after_it_was_settled() -> None:
     driver.settle(1, [SCAN])
     (mute,) = driver.advance(ns(5))
     assert (mute.value, mute.settled, mute.since_ns) == (fails("ok", "scan"), 1, ns(1.9))
-
-
-def test_what_sees_nothing_within_its_settling_time_is_unknown() -> None:
-    driver = Driver([Told("a", settling_s=2)], 0)
-    driver.sample("a", ns(1), 1, ns(1))
-    driver.settle(3, [SCAN])
-    assert driver.advance(ns(2.9)) == []
-    assert [(c.value, c.settled) for c in driver.advance(ns(4))] == [(None, 3)]
 
 
 def test_what_is_seen_only_later_is_still_judged_anew() -> None:
@@ -183,13 +131,6 @@ def test_bad_news_settles_at_once_and_good_news_when_all_have_judged() -> None:
         ("not ok(scan)", 2)
     ]
     assert values(driver.sample("b", ns(0.4), 1, ns(0.4))) == []
-
-
-def test_a_second_settling_takes_the_place_of_the_first() -> None:
-    driver = Driver([Told("a")], 0)
-    driver.settle(1, [SCAN])
-    driver.settle(2, [SCAN])
-    assert [c.settled for c in driver.sample("a", ns(0.1), 1, ns(0.1))] == [2]
 
 
 # --- time that jumps --------------------------------------------------------------------------------------
@@ -263,14 +204,6 @@ def test_a_jump_at_the_end_of_a_log_counts_if_the_log_goes_on_to_there() -> None
         changes += driver.sample("a", ns(100), 1)
         changes += driver.advance(ns(end_s))
         assert values(changes) == expected
-
-
-def test_samples_that_overtake_each_other_count_as_simultaneous() -> None:
-    driver = Driver([Told("a"), Told("b", Atom("ok", ("b",)))], 0)
-    driver.sample("a", ns(1), 1, ns(1))
-    driver.sample("a", ns(0.9), 1, ns(1.1))
-    driver.sample("b", ns(0.8), 1, ns(1.2))  # of another source: its own time counts
-    assert {v.literal.atom.args[0]: v.since_ns for v in driver.standing()} == {"scan": ns(1), "b": ns(0.8)}
 
 
 def test_time_that_nobody_looked_at_is_no_silence() -> None:

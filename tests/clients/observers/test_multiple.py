@@ -27,28 +27,12 @@ def sign(o: MultipleObserver, now_s: float) -> bool | None:
     return literals[0].positive if literals else None
 
 
-def test_nothing_is_known_before_something_is_asked() -> None:
-    assert sign(observer(), 5) is None
-    assert sign(fed(observer(), ("map", 1)), 1) is None
-
-
-def test_an_answer_in_time_is_ok_and_a_late_one_is_not() -> None:
-    assert sign(fed(observer(), ("scan", 1), ("map", 1.5)), 1.5) is True
-    assert sign(fed(observer(), ("scan", 1), ("map", 1.6)), 1.6) is False
-
-
 def test_no_answer_is_told_without_waiting_for_one() -> None:
     o = fed(observer(), ("scan", 1), ("map", 1.2), ("scan", 2))
     assert sign(o, 2.5) is True
     assert o.due_ns() == ns(2.5) + 1
     assert o.check(ns(2.5) + 1)[0].positive is False
     assert o.evidence(MAP, ns(2.6))[:2] == Evidence(ns(2), ns(1.2))[:2]
-
-
-def test_an_answer_counts_for_all_that_was_asked_before_it() -> None:
-    o = fed(observer(), ("scan", 1), ("scan", 1.2), ("map", 1.4))
-    assert sign(o, 3) is True
-    assert sign(fed(observer(), ("scan", 1), ("scan", 1.4), ("map", 1.6)), 1.6) is False
 
 
 def test_an_answer_that_nothing_was_asked_for_is_bad_if_it_was_said_to_be() -> None:

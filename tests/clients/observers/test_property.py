@@ -13,7 +13,6 @@ from robomend_client.observers import (
     Band,
     Driver,
     Evidence,
-    Filter,
     FunctionObserver,
     NoNumber,
     PropertyObserver,
@@ -50,11 +49,6 @@ def test_a_number_in_its_band_is_ok() -> None:
     assert observer(Band(high=1)).atoms == (CPU,)
 
 
-def test_the_published_band_is_the_one_that_was_meant() -> None:
-    published = Band(**Band.PRESETS["published"])
-    assert (published.low, published.high) == (0.1, 0.3)
-
-
 def test_with_hysteresis_it_is_good_again_only_well_inside() -> None:
     o = observer(Band(high=0.9, hysteresis=0.1))
     assert signs(o, 0.85, 0.95, 0.85, 0.8, 0.85) == [True, False, False, True, True]
@@ -70,12 +64,6 @@ def test_a_spike_is_no_fault_and_one_good_reading_no_recovery() -> None:
 def test_a_verdict_must_last_for_the_debounce() -> None:
     o = observer(Band(high=1), debounce_s=2)
     assert signs(o, 0, 0, 0, 2, 2, 0, 2, 2, 2) == [None, None, True, True, True, True, True, True, False]
-
-
-def test_filters_come_first() -> None:
-    o = PropertyObserver("CPU", "cpu", Band(high=1), Readings(), Filter("median", 3))
-    assert signs(o, 0, 0, 9, 0, 9, 9) == [True, True, True, True, False, False]
-    assert o.evidence(CPU, ns(5)).since_ns == ns(3)
 
 
 def test_what_is_no_number_is_no_reading() -> None:

@@ -15,9 +15,7 @@ from robomend_client.observers import (
     BinaryQualitativeObserver,
     Change,
     Driver,
-    Evidence,
     Match,
-    NoNumber,
     QualitativeObserver,
     Trend,
     ns,
@@ -60,20 +58,6 @@ def test_a_line_needs_half_a_window_and_three_samples() -> None:
     assert word(run(lambda t: t, 9, hz=1), 9) is None
 
 
-def test_when_samples_stop_for_a_window_nothing_is_known() -> None:
-    o = run(lambda t: t, 2)
-    assert o.due_ns() == ns(3)
-    assert (word(o, 2.99), word(o, 3)) == ("inc", None)
-
-
-def test_after_a_gap_what_was_before_is_no_part_of_the_line() -> None:
-    o = run(lambda t: t, 2)
-    for k in range(20):
-        o.feed(YAW, ns(10 + k / 20), 0.0)
-        assert word(o, 10 + k / 20) in (None, "const")
-    assert word(o, 11) == "const"
-
-
 def test_a_trend_holds_on_within_the_hysteresis() -> None:
     falling = [1.0, 0.045, 0.041, 0.039]
     o = QualitativeObserver("yaw", YAW, Trend(slope=0.05, hysteresis=0.2))
@@ -113,19 +97,6 @@ def test_an_angle_that_wraps_around_goes_on() -> None:
         said.add(word(o, k / 20))
     assert said == {None, "inc"}
     assert word(run(wrapped, 3.4), 3.4) == "dec"  # what the jump looks like otherwise
-
-
-def test_what_is_no_number_is_left_out() -> None:
-    o = run(lambda t: t, 2)
-    with pytest.raises(NoNumber):
-        o.feed(YAW, ns(2), math.nan)
-    assert word(o, 2) == "inc"
-    with pytest.raises(TypeError, match="a number is needed"):
-        QualitativeObserver("yaw", YAW).feed(YAW, 0, [1])
-
-
-def test_a_trend_rests_on_its_window() -> None:
-    assert run(lambda t: t, 5).evidence(Atom("inc", ("yaw",)), ns(5))[:2] == Evidence(ns(4.05))[:2]
 
 
 @pytest.mark.parametrize(

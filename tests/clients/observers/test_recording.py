@@ -37,26 +37,11 @@ def observers() -> list[GeneralObserver | NodeObserver | Told]:
     ]
 
 
+OTHERS = ["settle", "lapse", "lost", "back", "heartbeat"]
+
 events = st.lists(
     st.tuples(
-        st.sampled_from(
-            [
-                "scan",
-                "scan",
-                "scan",
-                "odom",
-                "odom",
-                PROCESSES,
-                "said",
-                "wake",
-                "wake",
-                "settle",
-                "lapse",
-                "lost",
-                "back",
-                "heartbeat",
-            ]
-        ),
+        st.sampled_from(["scan"] * 3 + ["odom"] * 2 + [PROCESSES, "said"] + ["wake"] * 2 + OTHERS),
         st.one_of(st.integers(0, 120), st.integers(0, 120), st.integers(0, 3000)),  # ms until it happens
         st.integers(-30, 80),  # ms by which its own stamp is behind
     ),

@@ -45,15 +45,6 @@ def test_each_is_looked_at_once_when_it_was_scheduled_last(scheduled: list[tuple
     assert turns(ticks) == sorted((tick, number) for number, tick in last.items() if tick != NEVER)
 
 
-def test_the_next_tick_is_that_of_the_earliest() -> None:
-    one, other, _ = observers = states()
-    ticks = Ticks(observers)
-    assert ticks.next_ns == NEVER
-    ticks.schedule(one, 20)
-    ticks.schedule(other, 10)
-    assert ticks.next_ns == 10
-
-
 def test_an_observer_that_is_put_off_again_and_again_takes_no_room() -> None:
     one, other, _ = observers = states()
     ticks = Ticks(observers)
@@ -62,18 +53,6 @@ def test_an_observer_that_is_put_off_again_and_again_takes_no_room() -> None:
         ticks.schedule(one, tick_ns)
     assert len(ticks._heap) <= 4 * STATES + 65
     assert turns(ticks) == [(1, 0), (7, 1)]
-
-
-def test_a_tick_that_was_overtaken_wakes_nobody() -> None:
-    one, other, _ = observers = states()
-    ticks = Ticks(observers)
-    ticks.schedule(one, 40)  # it would be silent by then
-    ticks.schedule(one, 10)  # a message came
-    for state in of(ticks, 10):
-        ticks.schedule(state, 50)
-    assert ticks.next_ns == 50
-    ticks.schedule(other, 30)
-    assert ticks.next_ns == 30
 
 
 def test_more_may_be_scheduled_for_the_tick_that_is_under_way() -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.clients.running_agent import SLEEPER, agent, config
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.ros1 import Robot
 
 RULE = "=" * 80
@@ -44,51 +43,37 @@ REPAIR: dict[str, Any] = {
     + GOAL_ID
     + STATUS,
 }
-SUCCEEDED, ABORTED, REJECTED = 3, 4, 5
+SUCCEEDED, REJECTED = 3, 5
 
 
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double
-
-
-def test_a_ros_node_starts_and_stops_what_the_agent_may_and_nothing_else(
-    ros: Robot, service: ServiceDouble, tmp_path: Path
+@pytest.mark.timeout(300)  # a whole session
+def test_actions_go_both_ways_between_the_agent_and_the_robots_own_nodes(
+    ros1: Robot, service: ServiceDouble, tmp_path: Path
 ) -> None:
-    client = ros.node("client")
-    bridge = {"master": ros.master.uri, "serve": ["start_node", "stop_node", "dance"]}
-    with agent(config(tmp_path, service.url, {"laser": {"command": SLEEPER}}, ros1=bridge)):
-        # Its feedback has a connection of its own, on which the result does not wait for it.
-        found = client.do("act", name="start_node", parameter=["laser"], **REPAIR)
-        assert (found["state"], found["result"]) == (SUCCEEDED, 0)
-        eventually(lambda: service.holds().get("running(laser)"), "running(laser)", 60)
-        found = client.do("act", name="stop_node", parameter=["laser"], **REPAIR)
-        assert (found["state"], found["result"]) == (SUCCEEDED, 0)
-        eventually(lambda: service.holds().get("running(laser)") is False, "not running(laser)", 60)
-        found = client.do("act", name="start_node", parameter=["laser; reboot"], **REPAIR)
-        assert (found["state"], found["result"]) == (REJECTED, 2)
-        assert "start_node(laser; reboot) is not allowed" in found["text"]
-    log = (tmp_path / "agent.log").read_text()
-    assert log.count("dance: cannot be served: this agent can do start_node, stop_node, power_up") == 1
-
-
-def test_the_robots_own_action_servers_carry_out_what_the_plan_asks_for(
-    ros: Robot, service: ServiceDouble, tmp_path: Path
-) -> None:
-    server = ros.node("arm")
+    client, server = ros1.node("client"), ros1.node("arm")
     server.do("serve", name="/arm/calibrate", **REPAIR)
     server.do("serve", name="/arm/refuse", aborts=True, result=7, **REPAIR)
     server.do("serve", name="/arm/slow", takes_s=60, **REPAIR)
-    either = {"arm": ["left", "right"]}
+    either = {"kind": "ros_action", "parameters": {"arm": ["left", "right"]}}
     actions = {
-        "calibrate": {"kind": "ros_action", "server": "/arm/calibrate", "parameters": either},
-        "recalibrate": {"kind": "ros_action", "server": "/arm/calibrate", "parameters": either},
-        "refuse": {"kind": "ros_action", "server": "/arm/refuse", "parameters": either},
-        "slow": {"kind": "ros_action", "server": "/arm/slow", "parameters": either, "gives_up": True},
-        "absent": {"kind": "ros_action", "server": "/arm/absent", "parameters": either},
+        "calibrate": {**either, "server": "/arm/calibrate"},
+        "recalibrate": {**either, "server": "/arm/calibrate"},
+        "refuse": {**either, "server": "/arm/refuse"},
+        "slow": {**either, "server": "/arm/slow", "gives_up": True},
+        "absent": {**either, "server": "/arm/absent"},
     }
-    with agent(config(tmp_path, service.url, {}, actions=actions, ros1={"master": ros.master.uri})):
+    bridge = {"master": ros1.master.uri, "serve": ["start_node", "stop_node", "dance"]}
+    processes = {"laser": {"command": SLEEPER}}
+    with agent(config(tmp_path, service.url, processes, actions=actions, ros1=bridge)):
+        # Its feedback has a connection of its own, on which the result does not wait for it.
+        for name, runs in (("start_node", True), ("stop_node", False)):
+            found = client.do("act", name=name, parameter=["laser"], **REPAIR)
+            assert (found["state"], found["result"]) == (SUCCEEDED, 0)
+            eventually(lambda runs=runs: service.holds().get("running(laser)") is runs, f"{runs}", 60)  # type: ignore[misc]  # bound for this round
+        found = client.do("act", name="start_node", parameter=["laser; reboot"], **REPAIR)
+        assert (found["state"], found["result"]) == (REJECTED, 2)
+        assert "start_node(laser; reboot) is not allowed" in found["text"]
+
         done = service.do("r:1", "calibrate", "left", timeout_s=60)
         assert done["code"] == 0, done
         assert [line["value"] for line in server.heard] == [["left"]]
@@ -96,9 +81,7 @@ def test_the_robots_own_action_servers_carry_out_what_the_plan_asks_for(
         assert service.do("r:2", "refuse", "left", timeout_s=60)["code"] == 7
         assert service.do("r:3", "calibrate", "up", timeout_s=60)["code"] == 2  # no parameter of the list
         absent = service.do("r:4", "absent", "left", timeout_s=60)
-        assert (absent["code"], absent["message"]) == (
-            4, "absent(left): there is no action server /arm/absent"
-        )  # fmt: skip
+        assert (absent["code"], "there is no action server /arm/absent" in absent["message"]) == (4, True)
         service.ask("r:5", "slow", "left", timeout_s=90)
         eventually(lambda: "/arm/slow: 50" in service.feedback("r:5"), "that it is under way", 60)
         service.withdrawn.add("r:5")
@@ -108,6 +91,7 @@ def test_the_robots_own_action_servers_carry_out_what_the_plan_asks_for(
         eventually(lambda: "/arm/slow: 50" in service.feedback("r:6"), "that it is under way", 60)
         server.kill()
         eventually(lambda: service.result("r:6"), "a result", 60)
-        result = service.result("r:6")
-        assert result is not None
+        result = service.result("r:6") or {}
         assert (result["code"], "whether it acted is unknown" in result["message"]) == (3, True)
+    log = (tmp_path / "agent.log").read_text()
+    assert log.count("dance: cannot be served: this agent can do start_node, stop_node") == 1

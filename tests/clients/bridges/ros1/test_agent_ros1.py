@@ -13,20 +13,13 @@ from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy
 
-import pytest
 from tests.clients.running_agent import agent, config
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.other_computer import OtherComputer, other_computer
 from tests.ros1 import Robot, robot
 from tests.waiting import eventually as eventually_soon
 
 from robomend_client.bridges.ros1.xmlrpc import connect, is_delivered
-
-
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double
 
 
 @contextmanager
@@ -39,7 +32,7 @@ def watching(
 
 
 def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer_and_others_are_served(
-    ros: Robot, service: ServiceDouble, tmp_path: Path
+    ros1: Robot, service: ServiceDouble, tmp_path: Path
 ) -> None:
     def say(port: int, *data: bytes) -> None:
         for one in data:
@@ -51,8 +44,8 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
                         pass
 
     section = {"topics": {"scan": {"from": "ros1"}}}
-    with watching(tmp_path, service, ros, **section):
-        master: Any = ServerProxy(ros.master.uri)
+    with watching(tmp_path, service, ros1, **section):
+        master: Any = ServerProxy(ros1.master.uri)
         eventually(lambda: master.lookupNode("/test", "/robomend_onboard")[0] == 1, "the agent's node", 60)
         uri = master.lookupNode("/test", "/robomend_onboard")[2]
         node: Any = ServerProxy(uri)
@@ -61,7 +54,7 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
         say(int(uri.rstrip("/").rpartition(":")[2]), http, http, b"\x16\x03\x01 no head", b"")
         say(port, b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"\x04\0\0\0\xff\0\0\0")
         assert node.getPid("/test")[0] == 1  # it goes on
-        watcher = ros.node("watcher")
+        watcher = ros1.node("watcher")
         definition = "float32 out_time\nstring[] obs\n"
         kind = "tug_ist_diagnosis_msgs/Observations"
         watcher.do("subscribe", topic="/observations", type=kind, definition=definition)
@@ -75,11 +68,11 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
 
 
 def test_without_its_master_nothing_is_said_of_nodes(
-    ros: Robot, service: ServiceDouble, tmp_path: Path
+    ros1: Robot, service: ServiceDouble, tmp_path: Path
 ) -> None:
-    ros.master.stop()
+    ros1.master.stop()
     observers = {"n": {"kind": "node", "from": "ros1", "preset": "ros1"}}
-    with watching(tmp_path, service, ros, observers=observers) as process:
+    with watching(tmp_path, service, ros1, observers=observers) as process:
         log = tmp_path / "agent.log"
         eventually(lambda: "the master: nobody listens" in log.read_text(), "a complaint", 60)
         eventually(lambda: service.polls, "an agent that works", 60)
@@ -158,13 +151,3 @@ def test_whether_a_question_has_got_to_the_other_computer_is_told_from_whether_i
                 asyncio.run(test(computer, int(process.stdout.readline())))
             finally:
                 process.kill()
-
-
-def test_rosbags_is_not_imported_for_topics_that_nobody_looks_into(tmp_path: Path) -> None:
-    file = config(tmp_path, "http://127.0.0.1:1", {}, topics={"scan": {"from": "ros1"}}, ros1={})
-    code = (
-        "import sys; from pathlib import Path; from robomend_client.agent.config import load; "
-        f"load(Path({str(file)!r})); print({{'rosbags', 'numpy'}} & sys.modules.keys())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"

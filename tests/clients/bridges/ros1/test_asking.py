@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.ros1 import Robot, robot
+from tests.ros1 import Robot
 
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
 from robomend_client.agent.executors.ros_programs import ParameterChange
@@ -53,12 +52,6 @@ def test_md5_sums_are_those_of_ros(kind: str) -> None:
     assert ServiceType(kind, definition(kind)).md5 == MD5[kind]
 
 
-@pytest.fixture(scope="module")
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
-    with robot(tmp_path_factory.mktemp("robot")) as found:
-        yield found
-
-
 def offered(kind: str, **more: Any) -> dict[str, Any]:
     """Return what a node offers."""
     request, _, response = definition(kind).partition("---\n")
@@ -77,79 +70,66 @@ def do(ros: Robot, executor: Ros1Asking, *parameters: str, timeout_s: float = 60
     return asyncio.run(executor.execute(action, lambda number, message: None))
 
 
-def test_services_are_called_and_their_answers_understood(ros: Robot) -> None:
-    node = ros.node("server")
-    node.do("offer", name="/clear", **offered("std_srvs/Empty"))
-    reset = {"answer": {"success": True, "message": "was reset"}}
-    node.do("offer", name="/reset", **offered("std_srvs/Trigger", **reset))
-    power = {"answer": {"success": False, "message": "the lid is open"}}
-    node.do("offer", name="/power", **offered("std_srvs/SetBool", **power))
-    node.do("offer", name="/breaks", **offered("std_srvs/Trigger", fails="no arm here"))
-    assert do(ros, CallRos1Service("clear", {"a": "/clear"}, "std_srvs/Empty"), "a") == ActionResult(
-        OK, "/clear: done"
-    )
-    assert do(ros, CallRos1Service("reset", {"a": "/reset"}, "std_srvs/Trigger"), "a") == ActionResult(
-        OK, "/reset: was reset"
-    )
-    switch = CallRos1Service(
+def test_services_are_asked_and_their_answers_understood_and_who_is_not_meant_is_not_asked(
+    ros1: Robot,
+) -> None:
+    node = ros1.node("server")
+    switch = "controller_manager_msgs/SwitchController"
+    answers: dict[str, tuple[str, dict[str, Any]]] = {
+        "/clear": ("std_srvs/Empty", {}),
+        "/reset": ("std_srvs/Trigger", {"answer": {"success": True, "message": "was reset"}}),
+        "/power": ("std_srvs/SetBool", {"answer": {"success": False, "message": "the lid is open"}}),
+        "/breaks": ("std_srvs/Trigger", {"fails": "no arm here"}),
+        "/arm/switch": (switch, {"answer": {"ok": True}}),
+        "/leg/switch": (switch, {"answer": {"ok": False}}),
+        "/mute": ("std_srvs/Trigger", {"never": True}),
+    }
+    for name, (kind, more) in answers.items():
+        node.do("offer", name=name, **offered(kind, **more))
+
+    def call(service: str, kind: str, *more: Any, timeout_s: float = 60.0, **options: Any) -> ActionResult:
+        return do(
+            ros1, CallRos1Service("act", {"a": service}, kind, *more, **options), "a", timeout_s=timeout_s
+        )
+
+    assert call("/clear", "std_srvs/Empty") == ActionResult(OK, "/clear: done")
+    assert call("/reset", "std_srvs/Trigger") == ActionResult(OK, "/reset: was reset")
+    power = CallRos1Service(
         "power", {"a": "/power"}, "std_srvs/SetBool", {"data": "{on}"}, {"on": ["true", "false"]}
     )
-    assert do(ros, switch, "a", "true") == ActionResult(
-        FAILED, "/power answered success: false: the lid is open"
-    )
-    broken = do(ros, CallRos1Service("reset", {"a": "/breaks"}, "std_srvs/Trigger"), "a")
-    assert broken.code == FAILED
-    assert "no arm here" in broken.message
-    assert [line["value"] for line in node.heard][2] == {"data": True}
-
-
-def test_who_never_answers_is_not_there_or_of_another_type_is_told_apart(ros: Robot) -> None:
-    node = ros.node("odd")
-    node.do("offer", name="/mute", **offered("std_srvs/Trigger", never=True))
-    node.do("offer", name="/other", **offered("std_srvs/SetBool"))
-    mute = do(ros, CallRos1Service("reset", {"a": "/mute"}, "std_srvs/Trigger"), "a", timeout_s=5)
-    assert mute == ActionResult(TIMED_OUT, "/mute does not answer within 4 s; whether it acted is unknown")
-    nobody = do(ros, CallRos1Service("reset", {"a": "/nothing"}, "std_srvs/Trigger"), "a")
-    assert nobody == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
-    other = do(ros, CallRos1Service("reset", {"a": "/other"}, "std_srvs/Trigger"), "a")
-    assert other == ActionResult(
-        REFUSED, "/other is of type std_srvs/SetBool, not std_srvs/Trigger; it was not asked"
-    )
-    version = CallRos1Service(
-        "reset", {"a": "/other"}, "std_srvs/SetBool", definition="bool dat\n---\nbool success\n"
-    )
-    assert "another version of std_srvs/SetBool; it was not asked" in do(ros, version, "a").message
-    field = CallRos1Service("reset", {"a": "/other"}, "std_srvs/SetBool", {"dta": "true"})
-    assert "has no field dta; there are data" in do(ros, field, "a").message
-    unknown = CallRos1Service("reset", {"a": "/other"}, "my_srvs/Reset")
-    assert "there is no definition of my_srvs/Reset here" in do(ros, unknown, "a").message
-    assert [line["heard"] for line in node.heard] == ["/mute"]
-
-
-def test_a_controller_manager_switches_by_a_definition_of_ones_own(ros: Robot) -> None:
-    node = ros.node("manager")
-    kind = "controller_manager_msgs/SwitchController"
-    node.do("offer", name="/controller_manager/switch_controller", **offered(kind, answer={"ok": True}))
-    node.do("offer", name="/other_manager/switch_controller", **offered(kind, answer={"ok": False}))
+    refused = ActionResult(FAILED, "/power answered success: false: the lid is open")
+    assert do(ros1, power, "a", "true") == refused
+    broken = call("/breaks", "std_srvs/Trigger")
+    assert (broken.code, "no arm here" in broken.message) == (FAILED, True)
     request = {"start_controllers": '["{to}"]', "stop_controllers": "[]", "strictness": "2"}
-    executor = CallRos1Service(
-        "switch",
-        {"arm": "/controller_manager/switch_controller", "leg": "/other_manager/switch_controller"},
-        kind,
-        request,
-        {"to": ["slow", "fast"]},
-        SWITCH,
+    own = CallRos1Service(
+        "switch", {"arm": "/arm/switch", "leg": "/leg/switch"}, switch, request, {"to": ["slow"]}, SWITCH
     )
-    assert do(ros, executor, "arm", "slow").code == OK
+    assert do(ros1, own, "arm", "slow").code == OK
     assert node.heard[-1]["value"]["start_controllers"] == ["slow"]
     assert node.heard[-1]["value"]["strictness"] == 2
-    assert "answered ok: false" in do(ros, executor, "leg", "fast").message
+    assert "answered ok: false" in do(ros1, own, "leg", "slow").message
+    assert [line["value"] for line in node.heard][2] == {"data": True}
+    asked = len(node.heard)
+    missing = call("/nothing", "std_srvs/Trigger")
+    assert missing == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
+    other = "/power is of type std_srvs/SetBool, not std_srvs/Trigger; it was not asked"
+    assert call("/power", "std_srvs/Trigger") == ActionResult(REFUSED, other)
+    for more, why in (
+        ({"definition": "bool dat\n---\nbool success\n"}, "another version of std_srvs/SetBool; it was not"),
+        ({"request": {"dta": "true"}}, "has no field dta; there are data"),
+    ):
+        assert why in call("/power", "std_srvs/SetBool", **more).message
+    assert "there is no definition of my_srvs/Reset here" in call("/power", "my_srvs/Reset").message
+    assert len(node.heard) == asked
+    mute = call("/mute", "std_srvs/Trigger", timeout_s=5)
+    assert mute == ActionResult(TIMED_OUT, "/mute does not answer within 4 s; whether it acted is unknown")
 
 
 def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back(
-    ros: Robot, tmp_path: Path
+    ros1: Robot, tmp_path: Path
 ) -> None:
-    node = ros.node("camera")
+    node = ros1.node("camera")
     node.do("parameter", name="/camera/fps", value=15)
     node.do("parameter", name="/lidar/rate", value=10.0)
     reconfigure = offered("dynamic_reconfigure/Reconfigure", echo=True)
@@ -157,25 +137,25 @@ def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back
     ways: dict[str, Any] = {"values": {"low": "5"}, "back": "before", "steps": {"more": "20"}}
     fps = SetRos1Parameter("set_fps", {"camera": "/camera"}, ParameterChange("fps", **ways, least=1, most=30))
     fps.before.keep_in(tmp_path)
-    assert do(ros, fps, "camera", "before").code == REFUSED
-    low = do(ros, fps, "camera", "low")
+    assert do(ros1, fps, "camera", "before").code == REFUSED
+    low = do(ros1, fps, "camera", "low")
     assert low.code == OK
     assert low.message.startswith(
         "fps of /camera is 5 now on the parameter server; a node that reads it only"
     )
     assert node.do("parameter", name="/camera/fps") == 5
-    assert do(ros, fps, "camera", "low").message == "fps of /camera is 5 already"
-    assert do(ros, fps, "camera", "more").code == OK
-    assert do(ros, fps, "camera", "before").code == OK
+    assert do(ros1, fps, "camera", "low").message == "fps of /camera is 5 already"
+    assert do(ros1, fps, "camera", "more").code == OK
+    assert do(ros1, fps, "camera", "before").code == OK
     assert node.do("parameter", name="/camera/fps") == 15
     missing = do(
-        ros, SetRos1Parameter("x", {"c": "/camera"}, ParameterChange("fsp", {"low": "5"})), "c", "low"
+        ros1, SetRos1Parameter("x", {"c": "/camera"}, ParameterChange("fsp", {"low": "5"})), "c", "low"
     )
     assert missing == ActionResult(
         REFUSED, "fsp of /camera cannot be set: the parameter server has none of this name"
     )
     rate = SetRos1Parameter("set_rate", {"lidar": "/lidar"}, ParameterChange("rate", {"slow": "2.5"}))
-    assert do(ros, rate, "lidar", "slow") == ActionResult(OK, "rate of /lidar is 2.5 now; it was 10.0")
+    assert do(ros1, rate, "lidar", "slow") == ActionResult(OK, "rate of /lidar is 2.5 now; it was 10.0")
     (asked,) = node.heard
     assert asked["value"]["config"]["doubles"] == [{"name": "rate", "value": 2.5}]
 

@@ -8,7 +8,6 @@ import socket
 import time
 from collections.abc import Callable
 
-import pytest
 from tests.waiting import eventually
 
 from robomend_client.bridges.ros1 import subscription as module
@@ -156,33 +155,6 @@ def test_what_was_said_elsewhere_before_somebody_hung_up_is_read_before_that_is_
         ends[1][0].close()
         for _, near in ends:
             near.close()
-
-    asyncio.run(test())
-
-
-def test_what_fills_the_memory_for_it_is_read_on_and_others_have_their_turn(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(module, "READ_BYTES", 4)
-    monkeypatch.setattr(module, "READS", 2)
-
-    async def test() -> None:
-        bursts = Bursts()
-        readers = [Reader(), Reader()]
-        ends = [joined(bursts, reader) for reader in readers]
-        for (far, _), reader in zip(ends, readers, strict=True):
-            far.sendall(b".")
-            await until_read(reader, b".")
-        for far, _ in ends:
-            far.sendall(b"0123456789ab")
-        bursts.read()
-        assert [reader.data for reader in readers] == [b".01234567"] * 2
-        bursts.read()
-        assert [reader.data for reader in readers] == [b".0123456789ab"] * 2
-        bursts.close()
-        for pair in ends:
-            pair[0].close()
-            pair[1].close()
 
     asyncio.run(test())
 

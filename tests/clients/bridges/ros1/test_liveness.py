@@ -1,158 +1,127 @@
-"""Nodes of a real robot: killed, frozen, ended, started again."""
+"""Who runs on a real ROS 1, and which services answer: killed, frozen, ended, started again."""
 
 from __future__ import annotations
 
 import asyncio
 import signal
-from pathlib import Path
+import socket
 from typing import Any
 from xmlrpc.client import ServerProxy
 
 import pytest
-from tests.clients.bridges.ros1.listening import hearing
+from tests.clients.bridges.hearing import listening
 from tests.ros1 import Robot
 from tests.waiting import eventually
 
 from robomend_client.bridges.ros1 import master
 
+ANSWERS, NOBODY, FAR, ODD = (
+    f"services:{name}" for name in ("frozen/get_loggers", "nobody/knows", "far/away", "odd/one")
+)
+ODD_NAMES = ("/a b", "/käse", "/2nd", "/x; reboot", "/{{}}")
+LONG_NAME = "y" * 500  # and a name
 
-def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, tmp_path: Path) -> None:
-    killed, frozen = ros.node("killed"), ros.node("frozen")
+
+def register_odd_ones(uri: str, port: int) -> None:
+    """Tell the master of nodes and services that no distribution would have."""
+    api: Any = ServerProxy(uri)
+    for name in (*ODD_NAMES, f"/{LONG_NAME}"):
+        assert api.registerSubscriber(name, "/nothing", "std_msgs/String", "http://127.0.0.1:9/")[0] == 1
+    for name, where in (("/far/away", "no-such-robot.invalid:4711"), ("/odd/one", f"127.0.0.1:{port}")):
+        assert api.registerService("/somebody", name, f"rosrpc://{where}", "http://127.0.0.1:1/")[0] == 1
+
+
+@pytest.mark.timeout(300)  # a whole session
+def test_nodes_and_services_are_seen_to_begin_freeze_go_on_and_end(ros1: Robot) -> None:
+    killed, frozen, ends, stays = (ros1.node(name) for name in ("killed", "frozen", "ends", "stays"))
+    ros1.node("elsewhere", ROS_HOSTNAME="no-such-robot.invalid", ROS_IP="")
+    stays.do("publish", topic="/scan", type="std_msgs/String", rate=20)
+
+    async def garbage(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        writer.close()
 
     async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await heard.runs({"killed": True})
-            await heard.runs({"frozen": True})
+        server = await asyncio.start_server(garbage, "127.0.0.1", 0, family=socket.AF_INET)
+        port = server.sockets[0].getsockname()[1]
+        await asyncio.to_thread(register_odd_ones, ros1.master.uri, port)
+        # /rosout is the bridge's own business, and an observer's
+        async with listening(ros1, "nodes", "scan", "rosout", ANSWERS, NOBODY, FAR, ODD) as heard:
+            well = dict.fromkeys(("killed", "frozen", "ends", "stays"), True)
+            await heard.runs({**well, "elsewhere": None, LONG_NAME: False})
+            for said in (
+                "the host name 'no-such-robot.invalid' is unknown here; whether it runs is unknown",
+                "the node '/a b': ROS allows no such name",
+                "the service /far/away: the host name 'no-such-robot.invalid' is unknown here",
+                "/odd/one: it does not say who it is: a header that is too long: 1347703880 bytes",
+            ):
+                await heard.told(said)
+            answers = (True, False, False)
+            await heard.until(
+                lambda: (heard.last(ANSWERS), heard.last(NOBODY), heard.last(ODD)) == answers, "services"
+            )
             killed.kill()
-            await heard.runs({"killed": False})
-            assert heard.last("nodes")["frozen"] is True
+            await heard.runs({"killed": False, "frozen": True})
             assert heard.why["killed"]["symptom"] == "ended"
             frozen.signal(signal.SIGSTOP)
             await heard.runs({"frozen": False})
             assert heard.why["frozen"] == {"why": "does not answer within 1 s", "symptom": "halted"}
+            await heard.until(lambda: heard.last(ANSWERS) is False, "its service is frozen, too")
+            await heard.told("/frozen/get_loggers: it does not say who it is: nothing within 1 s")
             frozen.signal(signal.SIGCONT)
             await heard.runs({"frozen": True})
-            await asyncio.to_thread(ros.node, "killed")
-            await heard.runs({"killed": True})
-            assert heard.lines("the node /frozen is frozen")
-
-    asyncio.run(test())
-
-
-def test_a_killed_node_is_found_by_its_connection_before_it_would_be_asked(
-    ros: Robot, tmp_path: Path
-) -> None:
-    killed = ros.node("killed")
-
-    async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes", more="ping_s: 60") as heard:
-            await heard.runs({"killed": True})
-            killed.kill()
-            await eventually(lambda: heard.last("nodes")["killed"] is False, "that it is gone", 40)
-
-    asyncio.run(test())
-
-
-def test_a_node_that_ends_in_order_stops_and_one_that_stops_publishing_does_not(
-    ros: Robot, tmp_path: Path
-) -> None:
-    ends, stays = ros.node("ends"), ros.node("stays")
-    stays.do("publish", topic="/scan", type="std_msgs/String", rate=20)
-
-    async def test() -> None:
-        # /rosout is the bridge's own business, and an observer's
-        async with hearing(tmp_path, ros.master.uri, "nodes", "scan", "rosout") as heard:
-            await heard.runs({"ends": True})
-            await heard.runs({"stays": True})
+            await heard.until(lambda: heard.last(ANSWERS) is True, "its service answers again")
             await heard.more("scan")
             await asyncio.to_thread(stays.do, "warn")
-            await eventually(lambda: heard.count("rosout"), "a message of /rosout", 60)
+            await heard.until(lambda: heard.count("rosout"), "a message of /rosout")
             await asyncio.to_thread(stays.do, "unpublish", topic="/scan")
             await asyncio.to_thread(ends.do, "leave")
             await heard.runs({"ends": False})
-            await heard.more("nodes", 5)
-            assert all(table.get("stays") for table in heard.values["nodes"] if "stays" in table)
+            await asyncio.to_thread(ros1.node, "killed")
+            await heard.runs({"killed": True, "elsewhere": None})
+            assert all(table.get("stays", True) for table in heard.values["nodes"])
+            assert {name[1:] for name in ODD_NAMES} <= {name for t in heard.values["nodes"] for name in t}
+            assert len(heard.lines("ROS allows no such name")) == len(ODD_NAMES)
+            assert heard.count(FAR) == 0
+        server.close()
 
     asyncio.run(test())
 
 
-def test_nodes_go_on_while_the_master_is_gone_and_after_it_has_forgotten_them(
-    ros: Robot, tmp_path: Path
-) -> None:
-    node = ros.node("steady")
-
-    async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await heard.runs({"steady": True})
-            ros.master.stop()
-            await heard.told("the master: nobody listens")
-            await asyncio.to_thread(ros.master.start)
-            await eventually(lambda: len(heard.lines("is known to the master")) == 2, "a second time", 60)
-            await heard.more("nodes", 5)
-            assert all(table.get("steady") for table in heard.values["nodes"])
-            node.kill()
-            await heard.runs({"steady": False})
-
-    asyncio.run(test())
-
-
-def test_a_master_that_is_frozen_is_told_once_and_hides_no_node_that_ends(
-    ros: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.timeout(300)  # a whole session
+def test_a_master_that_is_frozen_or_starts_anew_is_told_once_and_hides_no_node_that_ends(
+    ros1: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(master, "CALL_S", 2.0)
-    killed = ros.node("killed")
-    ros.node("steady").do("publish", topic="/scan", type="std_msgs/String", rate=20)
+    killed, steady = ros1.node("killed"), ros1.node("steady")
+    steady.do("publish", topic="/scan", type="std_msgs/String", rate=20)
 
     async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes", "scan") as heard:
+        # Whoever is killed is found by its connection, before it would be asked.
+        async with listening(ros1, "nodes", "scan", "odom", more="ping_s: 60") as heard:
             await heard.runs({"killed": True, "steady": True})
             await heard.more("scan")
-            ros.master.signal(signal.SIGSTOP)
+            ros1.master.signal(signal.SIGSTOP)
             await heard.told("the master: lookupNode was not answered within 2 s")
             killed.kill()
-            await heard.runs({"killed": False, "steady": True})
+            await eventually(lambda: heard.last("nodes").get("killed") is False, "that it is gone", 40)
             await heard.more("scan")
             assert len(heard.lines("the master: ")) == 1
-            ros.master.signal(signal.SIGCONT)
+            ros1.master.signal(signal.SIGCONT)
             await heard.told("the master: well again")
-            await asyncio.to_thread(ros.node, "killed")
-            await heard.runs({"killed": True})
-            assert all(table["steady"] for table in heard.values["nodes"] if "steady" in table)
-
-    asyncio.run(test())
-
-
-def test_a_node_whose_host_is_unknown_is_unknown_not_stopped(ros: Robot, tmp_path: Path) -> None:
-    ros.node("elsewhere", ROS_HOSTNAME="no-such-robot.invalid", ROS_IP="")
-
-    async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await heard.told(
-                "the host name 'no-such-robot.invalid' is unknown here; whether it runs is unknown"
-            )
-            assert heard.last("nodes")["elsewhere"] is None
-
-    asyncio.run(test())
-
-
-def test_nodes_with_names_that_ros_does_not_allow_are_told_once_and_watched(
-    ros: Robot, tmp_path: Path
-) -> None:
-    ros.node("good")
-    api: Any = ServerProxy(ros.master.uri)
-    odd = ["/a b", "/käse", "/2nd", "/x; reboot", "/{{}}"]
-    for name in (*odd, "/" + "y" * 500):  # the last one is long, and a name
-        code, why, _ = api.registerSubscriber(name, "/nothing", "std_msgs/String", "http://127.0.0.1:9/")
-        assert code == 1, why
-
-    async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await heard.runs({"good": True})
-            await heard.runs({"y" * 500: False})  # nobody listens there
-            await heard.told("the node '/a b': ROS allows no such name")
-            await heard.more("nodes", 3)
-            assert len(heard.lines("ROS allows no such name")) == len(odd)
-            assert {name[1:] for name in odd} <= {name for table in heard.values["nodes"] for name in table}
-            assert heard.last("nodes")["good"] is True
+            ros1.master.stop()
+            await heard.told("the master: nobody listens")
+            await heard.more("scan")  # the old publisher goes on, master or not
+            known = len(heard.lines("is known to the master"))
+            await asyncio.to_thread(ros1.master.start)
+            await heard.until(lambda: len(heard.lines("is known to the master")) > known, "it knows us anew")
+            node = await asyncio.to_thread(ros1.node, "new")
+            await asyncio.to_thread(node.do, "publish", topic="/odom", type="std_msgs/String", rate=20)
+            await heard.more("odom")
+            await heard.more("scan")
+            assert len(heard.lines("the master: nobody listens")) == 1
+            assert all(table.get("steady", True) for table in heard.values["nodes"])
+            steady.kill()
+            await heard.runs({"steady": False, "new": True})
 
     asyncio.run(test())

@@ -1,14 +1,24 @@
-"""What an error that came of connecting means."""
+"""Calls of the master and of nodes: what an error means, and which answers are read."""
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
 import socket
+from typing import Any
 
 import pytest
 
-from robomend_client.bridges.ros1.xmlrpc import NobodyListens, OutOfReach, PeerError, unreachable
+from robomend_client.bridges.ros1.master import Master
+from robomend_client.bridges.ros1.xmlrpc import (
+    Garbage,
+    NobodyListens,
+    OutOfReach,
+    PeerError,
+    XmlRpcServer,
+    unreachable,
+)
 
 
 def connecting(*numbers: int) -> OSError:
@@ -34,3 +44,24 @@ def test_who_refuses_or_hangs_up_does_not_run_and_of_who_is_out_of_reach_nothing
     error: OSError, means: type[PeerError]
 ) -> None:
     assert type(unreachable("robot", 1, error)) is means
+
+
+def test_a_state_that_has_not_changed_is_not_read_anew_and_one_that_has_is() -> None:
+    state: list[Any] = [[["/scan", ["/laser"]]], [], []]
+
+    async def test() -> None:
+        server = XmlRpcServer(lambda method, _: [1, method, state], lambda *_: None)
+        await server.open("127.0.0.1")
+        master = Master(f"http://127.0.0.1:{server.port}/", "/me")
+        first = await master.graph(types=False)
+        assert first.nodes == {"/laser"}
+        assert await master.graph(types=False) is first
+        state[1].append(["/scan", ["/mapping"]])
+        assert (await master.graph(types=False)).nodes == {"/laser", "/mapping"}
+        state[0] = 7
+        for _ in range(2):  # one that cannot be read is not taken for the one before
+            with pytest.raises(Garbage, match="state cannot be read"):
+                await master.graph(types=False)
+        await server.close()
+
+    asyncio.run(test())

@@ -5,18 +5,24 @@ from __future__ import annotations
 import ast
 import asyncio
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tests.ros2 import Ros2Robot, robot
+from tests.ros2 import Ros2Robot
 from tests.waiting import until
 
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
-from robomend_client.agent.executors import ros2_asking
-from robomend_client.agent.executors.ros2_asking import Ended, component, controllers, mode, wanted
+from robomend_client.agent.executors.ros2_asking import (
+    Ended,
+    component,
+    controllers,
+    fill,
+    lifecycle,
+    mode,
+    wanted,
+)
 from robomend_client.agent.executors.ros_programs import (
     ASKING,
     CallService,
@@ -29,116 +35,67 @@ from robomend_client.agent.executors.ros_programs import (
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 
 
-@pytest.fixture(scope="module")
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros2Robot]:
-    with robot(tmp_path_factory.mktemp("robot")) as found:
-        yield found
-
-
-@pytest.fixture
-def python(ros: Ros2Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", str(ros.python))
-
-
 def do(ros: Ros2Robot, executor: Ros2Asking, *parameters: str, timeout_s: float = 60.0) -> ActionResult:
     executor.attach({"ROS_DOMAIN_ID": str(ros.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
     action = Action("r:1", executor.name, parameters, timeout_s)
     return asyncio.run(executor.execute(action, lambda number, message: None))
 
 
-@pytest.mark.usefixtures("python")
-def test_services_are_called_and_their_answers_understood(ros: Ros2Robot) -> None:
-    node = ros.node("server")
-    node.do("offer", name="/clear", type="std_srvs/srv/Empty")
+@pytest.mark.timeout(400)  # a program with rclpy for each question
+def test_real_nodes_are_asked_for_services_parameters_and_lifecycles(
+    ros2: Ros2Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", str(ros2.python))
+    node = ros2.node("server")
     node.do("offer", name="/reset", type=TRIGGER, answer={"success": True, "message": "was reset"})
     node.do("offer", name="/power", type=SET_BOOL, answer={"success": False, "message": "the lid\nis open"})
-    asked = {"/clear": CallService("clear", {"a": "/clear"}, "std_srvs/srv/Empty")}
-    assert do(ros, asked["/clear"], "a") == ActionResult(OK, "/clear: done")
-    assert do(ros, CallService("reset", {"a": "/reset"}, TRIGGER), "a") == ActionResult(
-        OK, "/reset: was reset"
-    )
-    power = CallService("power", {"a": "/power"}, SET_BOOL, {"data": "{on}"}, {"on": ["true", "false"]})
-    refused = do(ros, power, "a", "true")
-    assert refused == ActionResult(FAILED, "/power answered success: false: the lid is open")
-    assert do(ros, power, "a", "false").code == FAILED
-    until(lambda: len(node.heard) == 4, "what was asked", 60)
-    assert [line["value"] for line in node.heard][2:] == [{"data": True}, {"data": False}]
-
-
-@pytest.mark.usefixtures("python")
-def test_who_never_answers_is_not_there_or_of_another_type_is_told_apart(ros: Ros2Robot) -> None:
-    node = ros.node("odd")
     node.do("offer", name="/mute", type=TRIGGER, never=True)
-    node.do("offer", name="/other", type=SET_BOOL)
-    mute = do(ros, CallService("reset", {"a": "/mute"}, TRIGGER), "a", timeout_s=15)
-    assert mute.code == TIMED_OUT
-    assert "/mute does not answer within 12 s; whether it acted is unknown" in mute.message
-    nobody = do(ros, CallService("reset", {"a": "/nothing"}, TRIGGER), "a")
-    assert nobody == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
-    other = do(ros, CallService("reset", {"a": "/other"}, TRIGGER), "a")
-    assert other == ActionResult(
-        REFUSED, "/other is of type std_srvs/srv/SetBool, not std_srvs/srv/Trigger; it was not asked"
-    )
-    field = do(ros, CallService("reset", {"a": "/other"}, SET_BOOL, {"dta": "true"}), "a")
-    assert field.code == REFUSED
-    assert "dta" in field.message
-    value = do(ros, CallService("reset", {"a": "/other"}, SET_BOOL, {"data": "maybe"}), "a")
-    assert "'maybe' is neither true nor false" in value.message
-    assert [line["heard"] for line in node.heard] == ["/mute"]  # /other was never asked
-
-
-@pytest.mark.usefixtures("python")
-def test_parameters_are_set_stepped_and_set_back_in_the_nodes_own_words(
-    ros: Ros2Robot, tmp_path: Path
-) -> None:
-    node = ros.node("camera")
     node.do("declare", name="fps", value=15, most=60)
-    node.do("declare", name="gain", value=1.5)
     node.do("declare", name="serial", value="x1", read_only=True)
-    at = {"camera": "/camera"}
-    ways: dict[str, Any] = {"values": {"low": "5", "high": "90"}, "back": "before", "steps": {"more": "20"}}
-    fps = SetParameter("set_fps", at, ParameterChange("fps", **ways, least=1, most=30))
-    fps.before.keep_in(tmp_path)
-    assert do(ros, fps, "camera", "before").message == "fps of /camera: it was not changed by this agent"
-    assert do(ros, fps, "camera", "low") == ActionResult(OK, "fps of /camera is 5 now; it was 15")
-    assert do(ros, fps, "camera", "low") == ActionResult(OK, "fps of /camera is 5 already")
-    assert do(ros, fps, "camera", "high") == ActionResult(
-        FAILED, "/camera, asked to set fps to 90, answered successful: false: the lens does not do that"
-    )
-    assert do(ros, fps, "camera", "more").message == "fps of /camera is 25 now; it was 5"
-    assert do(ros, fps, "camera", "more").message == "fps of /camera is 30 now; it was 25"
-    assert do(ros, fps, "camera", "more") == ActionResult(REFUSED, "fps of /camera is 30 already, its bound")
-    again = SetParameter("set_fps", at, ParameterChange("fps", **ways, least=1, most=30))
-    again.before.keep_in(tmp_path)  # another agent's life
-    assert do(ros, again, "camera", "before") == ActionResult(OK, "fps of /camera is 15 now; it was 30")
-    assert do(ros, again, "camera", "before").code == REFUSED
-    gain = SetParameter("set_gain", at, ParameterChange("gain", {"two": "2"}))
-    assert do(ros, gain, "camera", "two") == ActionResult(OK, "gain of /camera is 2.0 now; it was 1.5")
-    serial = do(ros, SetParameter("rename", at, ParameterChange("serial", {"y": "y1"})), "camera", "y")
-    assert serial.code == FAILED
-    assert "read-only" in serial.message
-    missing = do(ros, SetParameter("set_fsp", at, ParameterChange("fsp", {"low": "5"})), "camera", "low")
-    assert missing.code == FAILED
-    assert "fsp" in missing.message
-    assert "undeclared parameter" in missing.message
-
-
-@pytest.mark.usefixtures("python")
-def test_a_lifecycle_is_brought_up_again_from_wherever_it_is(ros: Ros2Robot) -> None:
-    node = ros.node("host")
     node.do("lifecycle", name="managed")
     node.do("lifecycle", name="stubborn", refuses=True)
-    at = {"camera_node": "/managed"}
-    up = Lifecycle("bring_up", at, "restart")
-    assert do(ros, up, "camera_node") == ActionResult(OK, "/managed: configure → activate is done")
-    assert do(ros, Lifecycle("activate", at), "camera_node").message == "/managed is active already"
-    again = do(ros, up, "camera_node")
-    assert again.message == "/managed: deactivate → cleanup → configure → activate is done"
-    assert do(ros, Lifecycle("deactivate", at), "camera_node").code == OK
-    assert do(ros, up, "camera_node").message == "/managed: cleanup → configure → activate is done"
-    assert do(ros, Lifecycle("restart", {"x": "/stubborn"}), "x") == ActionResult(
+
+    def call(service: str, kind: str, *more: Any, timeout_s: float = 60.0) -> ActionResult:
+        return do(ros2, CallService("act", {"a": service}, kind, *more), "a", timeout_s=timeout_s)
+
+    assert call("/reset", TRIGGER) == ActionResult(OK, "/reset: was reset")
+    power = CallService("power", {"a": "/power"}, SET_BOOL, {"data": "{on}"}, {"on": ["true", "false"]})
+    refused = ActionResult(FAILED, "/power answered success: false: the lid is open")
+    assert do(ros2, power, "a", "true") == refused
+    until(lambda: len(node.heard) == 2, "what was asked", 60)
+    assert node.heard[1]["value"] == {"data": True}
+    nobody = ActionResult(UNREACHABLE, "nobody offers the service /nothing")
+    assert call("/nothing", TRIGGER, timeout_s=15) == nobody
+    other = "/power is of type std_srvs/srv/SetBool, not std_srvs/srv/Trigger; it was not asked"
+    assert call("/power", TRIGGER) == ActionResult(REFUSED, other)
+    assert len(node.heard) == 2  # /power was not asked once more
+
+    at, ways = {"camera": "/server"}, {"values": {"low": "5", "high": "90"}, "steps": {"more": "20"}}
+    change = ParameterChange("fps", **ways, back="before", least=1, most=30)
+    fps, again = SetParameter("set_fps", at, change), SetParameter("set_fps", at, change)
+    fps.before.keep_in(tmp_path)
+    assert do(ros2, fps, "camera", "before").message == "fps of /server: it was not changed by this agent"
+    assert do(ros2, fps, "camera", "low") == ActionResult(OK, "fps of /server is 5 now; it was 15")
+    said = "/server, asked to set fps to 90, answered successful: false: the lens does not do that"
+    assert do(ros2, fps, "camera", "high") == ActionResult(FAILED, said)
+    assert do(ros2, fps, "camera", "more").message == "fps of /server is 25 now; it was 5"
+    again.before.keep_in(tmp_path)  # another agent's life
+    assert do(ros2, again, "camera", "before") == ActionResult(OK, "fps of /server is 15 now; it was 25")
+    assert do(ros2, again, "camera", "before").code == REFUSED
+    for name, why in (("serial", "read-only"), ("fsp", "undeclared parameter")):
+        found = do(ros2, SetParameter("rename", at, ParameterChange(name, {"y": "y1"})), "camera", "y")
+        assert (found.code, why in found.message) == (FAILED, True)
+
+    up = Lifecycle("bring_up", {"camera_node": "/managed"}, "restart")
+    assert do(ros2, up, "camera_node") == ActionResult(OK, "/managed: configure → activate is done")
+    everything = "/managed: deactivate → cleanup → configure → activate is done"
+    assert do(ros2, up, "camera_node").message == everything
+    assert do(ros2, Lifecycle("restart", {"x": "/stubborn"}), "x") == ActionResult(
         FAILED, "/stubborn refuses to configure, or failed to: it is unconfigured"
     )
+    mute = call("/mute", TRIGGER, timeout_s=15)
+    assert mute.code == TIMED_OUT
+    assert "/mute does not answer within 12 s; whether it acted is unknown" in mute.message
 
 
 # --- stand-ins for packages of which there is no wheel ----------------------------------------------------
@@ -156,6 +113,14 @@ class Asked:
         self.asked.append((short, dict(request)))
         answer = self.answers[short]
         return answer(request) if callable(answer) else SimpleNamespace(**answer)
+
+
+@pytest.mark.parametrize(
+    ("given", "why"), [({"dta": "true"}, "dta"), ({"data": "maybe"}, "'maybe' is neither true nor false")]
+)
+def test_a_request_that_cannot_be_made_says_why(given: dict[str, str], why: str) -> None:
+    with pytest.raises((AttributeError, ValueError), match=why):
+        fill(SimpleNamespace(data=False), given)
 
 
 def test_controllers_are_switched_once_and_unknown_ones_named() -> None:
@@ -200,11 +165,31 @@ def test_modes_are_asked_for_and_components_loaded_anew() -> None:
     assert component(parts, {**said, "verb": "load"}) == "/a/cam is loaded already"
 
 
+def test_one_change_of_a_lifecycle_is_made_unless_it_is_so_already() -> None:
+    state = SimpleNamespace(current_state=SimpleNamespace(id=3, label="active"))
+    ask = Asked(get_state=lambda _: state, change_state={"success": True})
+    said = {"name": "/n", "transition": "activate"}
+    assert lifecycle(ask, said) == "/n is active already"
+    assert lifecycle(ask, {**said, "transition": "deactivate"}) == "/n: deactivate is done"
+    assert ask.asked[-1] == ("change_state", {"transition.id": 4})
+    state.current_state.id = 2
+    assert lifecycle(ask, {**said, "transition": "restart"}) == "/n: cleanup → configure → activate is done"
+    state.current_state.id = 4
+    with pytest.raises(Ended, match="/n is finalized: it cannot be brought up again"):
+        lifecycle(ask, {**said, "transition": "restart"})
+
+
 @pytest.mark.parametrize(("now", "by", "to"), [(10, 5, 15), (1.0, -0.5, 0.5), (28, 5, 30), (3, -5, 1)])
 def test_a_step_ends_at_its_bounds(now: float, by: float, to: float) -> None:
     said = {"name": "/n", "parameter": "p", "by": by, "least": 0.5 if now == 1.0 else 1, "most": 30}
     assert wanted(said, now) == to
     assert type(wanted(said, now)) is type(now)
+
+
+def test_at_a_bound_no_step_is_asked_for() -> None:
+    said = {"name": "/n", "parameter": "p", "by": 5, "least": 1, "most": 30}
+    with pytest.raises(Ended, match="p of /n is 30 already, its bound"):
+        wanted(said, 30)
 
 
 def test_a_python_without_rclpy_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,6 +208,3 @@ def test_it_is_written_for_python_3_8_and_imports_nothing_of_ours() -> None:
     ast.parse(ASKING.read_text(), str(ASKING), feature_version=(3, 8))
     assert "import robomend" not in ASKING.read_text()
     assert "from robomend" not in ASKING.read_text()
-    assert set(ros2_asking.ASKED) == {
-        "service", "parameter", "lifecycle", "controllers", "mode", "component"
-    }  # fmt: skip

@@ -10,20 +10,20 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.clients.bridges.ros2.listening import hearing
+from tests.clients.bridges.hearing import listening
 from tests.ros2 import Ros2Robot
 
 from robomend_client.bridges.ros2.discovered import Participant
 from robomend_client.bridges.ros2.liveness import find
 
 
-def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:
-    laser = ros.node("laser")
+def test_nodes_that_begin_end_freeze_and_are_killed(ros2: Ros2Robot) -> None:
+    laser = ros2.node("laser")
     laser.do("also", name="camera", namespace="/front")
     laser.do("also", name="x" * 200)
 
     async def test() -> None:
-        async with hearing(ros, "nodes", more="discovery_s: 1") as heard:
+        async with listening(ros2, "nodes", more="discovery_s: 1") as heard:
             for node in ("laser", "front/camera", "x" * 200):
                 await heard.runs({node: True})
             await asyncio.to_thread(laser.do, "no_longer", name="camera")
@@ -39,7 +39,7 @@ def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:
             await heard.runs({"laser": False})
             ended = {"why": f"its process {laser.pid} has ended", "symptom": "ended"}
             assert heard.why["laser"] == ended
-            await asyncio.to_thread(ros.node, "laser")
+            await asyncio.to_thread(ros2.node, "laser")
             await heard.runs({"laser": True})
             assert heard.log == []
 
