@@ -257,8 +257,11 @@ class Calm:
             return usual_ns
         node = parts.nodes[name]
         known_ns = sight.start_ups.after_our_start_ns(node, began_ns, parts, sight)
-        if known_ns is not None:
-            return known_ns
+        if known_ns is not None:  # what rests on it is judged anew after that
+            names = touched(parts, [name]) - published(parts, [name])
+            bad = (e.atom for e in self._state.obs.entries() if not e.positive and names & set(e.atom.args))
+            anew_ns = max((sight.delays(atom).settling_ns for atom in bad), default=0)
+            return known_ns + (anew_ns + SLACK_NS if anew_ns else 0)
         if "effect_timeout_s" in self._state.config.actions.get("start_node", {}):
             return usual_ns
         return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
