@@ -310,8 +310,8 @@ class Calm:
         return False
 
     async def _sure(self, result: DiagnosisResult) -> DiagnosisResult | None:
-        """Return the diagnosis of what is blamed whatever the pending verdicts are, if that is to be mended and
-        was not tried yet.
+        """Return the diagnosis of what is blamed whatever the pending verdicts are, if that can be mended
+        and was not tried yet.
         """
         bad = tuple(name for name in result.components if name in self._anyhow)
         tried = [one["diagnosis"]["bad"] for one in self._record.data.get("rounds", ())]
