@@ -77,13 +77,14 @@ class _Moments:
             topic: max((ended_s for name, _, ended_s in self._record.silences if name == topic), default=0.0)
             for topic in self._anatomy.topics
         }
-        before: dict[Atom, bool] = {}  # what is wrong, and whether that is silence
+        before, silence = set[Atom](), dict[Atom, bool]()  # what is wrong; whether it was only ever silent
         for at_s, state in self._record.states:
             silent = silenced(self._anatomy, state)
-            now = {odd.atom: odd.atom.args[0] in silent for odd in abnormal(self._anatomy, state)}
-            for atom in before.keys() - now.keys():
+            now = {odd.atom for odd in abnormal(self._anatomy, state)}
+            silence |= {atom: silence.get(atom, True) and atom.args[0] in silent for atom in now}
+            for atom in before - now:
                 back_s = max(at_s, returned.get(atom.args[0], 0.0))
-                yield back_s, back_s + self._noticed_s(atom, silence=before[atom])
+                yield back_s, back_s + self._noticed_s(atom, silence=silence[atom])
             before = now
 
     def _noticed_s(self, atom: Atom, *, silence: bool) -> float:

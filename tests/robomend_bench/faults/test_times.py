@@ -122,7 +122,7 @@ def test_while_a_device_boots_whose_driver_must_be_started_nothing_can_be_back()
 def test_what_is_right_again_must_stay_so_for_as_long_as_its_observer_needs_to_see_it_fail() -> None:
     half = with_faults(("mapper", "half-rate"))
     record = hung_mapper()
-    record.states = [(0.0, half), (7.0, HEALTHY)]
+    record.states = [(0.0, half), (6.9, with_faults(("mapper", "dead"))), (7.0, HEALTHY)]  # it was restarted
     record.acts, record.silences = [], []
     record.repairs = [seen(1.2, "running"), seen(7.5, "verifying")]
     record.said = [(-1.0, tuple(ROBOT.healthy))]
