@@ -20,6 +20,8 @@ from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Attendance
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend.store.records import StoredStart
+from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -181,3 +183,22 @@ async def test_of_many_pending_verdicts_only_those_count_that_the_suspects_may_t
         assert not await calm._may_change(result, pending)
         with pytest.raises(AssertionError, match="planned for"):  # the suspects may turn this one
             await calm._may_change(result, [*pending, Atom("on", ("lidar",))])
+
+
+async def test_what_rests_on_what_was_started_is_judged_anew_once_that_is_back(tmp_path: Path) -> None:
+    """The start took as long as the earlier ones, and was too short for its own observer to see a gap."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
+        assert state.system.parts is not None
+        state.sight.start_ups.recall({"scan": [StoredStart(S // 10, S // 10, False)]}, state.system.parts)
+        await said(runtime, now_ns - 200 * S, scan=(True, 1), map=(True, 1))
+        for sentence, time_ns in (("not running(lidar_node)", 4 * S), ("running(lidar_node)", 3 * S)):
+            since_ns = now_ns - time_ns
+            batch = Batch([sentence], source="agent", time_ns=since_ns, since=[since_ns], onset=[since_ns])
+            await runtime.robots.observe("r1", batch)
+            if time_ns == 4 * S:
+                state.sight.start_ups.acted(
+                    Action("a", "start_node", ("lidar_node",), 1.0), since_ns, since_ns
+                )
+        await said(runtime, now_ns, scan=(True, 2), map=(False, 3))
+        assert calm._pending()[MAP] > now_ns + 50 * S

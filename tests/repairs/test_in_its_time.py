@@ -291,6 +291,33 @@ async def waits_for_the_base(runtime: Runtime) -> None:
             await asyncio.sleep(0.05)  # until the next look
 
 
+async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> None:
+    """And the driver is started after that all the same."""
+    booted = asyncio.Event()
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        robot.connected["base_node"] &= booted.is_set()
+        return 0
+
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "base: {channel: 7}", "base: {channel: 7, boot_s: 12}")
+        async with robot_on(runtime) as robot:
+            robot.spoil = boots
+            await robot.settled()
+            robot.cut("base")
+            await waits_for_the_base(runtime)
+            robot.running["mapping"] = False
+            async with asyncio.timeout(60):
+                while "start_node(mapping)" not in robot.done:
+                    await asyncio.sleep(0.05)  # until the next look
+            assert robot.done == ["power_up(base)", "start_node(mapping)"]
+            booted.set()
+            repair = await the_repair(runtime, timeout_s=60.0)
+    assert (repair["state"], robot.done.count("power_up(base)")) == ("repaired", 1)
+    assert robot.done[-2:] == SHUT_DOWN[-2:]
+
+
 async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_stopped_nor_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,18 @@ async def test_an_effect_on_the_observed_list_is_awaited_though_obs_never_held_i
     assert await effect(robot, {SCAN}) == ([], [WANTED])
 
 
+async def test_of_power_nothing_is_awaited_that_was_said_before_the_cut_and_not_since() -> None:
+    class SaidBefore(Robot):
+        """What is said of the scan is from before the act."""
+
+        def value(self, atom: Atom) -> bool | None:
+            return None if atom == SCAN else super().value(atom)
+
+    robot = SaidBefore(obs={ON: True, RUNNING: True, SCAN: True})
+    assert await effect(robot, {SCAN}, "power_up") == ([], [])
+    assert await effect(robot, {SCAN}) == ([], [WANTED])
+
+
 async def test_an_effect_that_obs_holds_is_awaited_though_no_list_names_it() -> None:
     robot = Robot(obs={SCAN: False})
     assert await effect(robot, set()) == ([], [WANTED])

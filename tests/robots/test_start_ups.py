@@ -301,6 +301,20 @@ def due_s(found: StartUps, seen: Seen, *missing: Atom, parts: ComponentModel = P
     return found.due_s([Literal(atom) for atom in missing], 5.0, parts, seen)
 
 
+def test_the_driver_of_a_device_of_known_boot_is_started_soon_after_it_and_later_where_that_was_in_vain() -> (
+    None
+):
+    found = StartUps()
+    found.publishers(SLOW)
+    seen = Seen(rose={MAPPING: 1000 * S, DRIVER: 1000 * S, ON: 990 * S})
+    assert found.drivable_ns("driver", SLOW, seen) == 990 * S + 60 * S * 9 // 8
+    found.acted(Action("b", "start_node", ("driver",), 1.0), 1000 * S, 1000 * S)
+    assert found.drivable_ns("driver", SLOW, seen) == (990 + 90) * S
+    assert found.booting("driver", SLOW, seen) == ("lidar",)
+    seen.values[ON] = False  # it has no power: nothing boots
+    assert found.drivable_ns("driver", SLOW, seen) == 0
+
+
 def test_who_still_sees_nothing_when_it_was_due_is_not_waited_for_until_it_would_have_judged(
     clock: SimpleNamespace,
 ) -> None:

@@ -77,21 +77,22 @@ class _Moments:
             topic: max((ended_s for name, _, ended_s in self._record.silences if name == topic), default=0.0)
             for topic in self._anatomy.topics
         }
-        before: dict[Atom, bool] = {}  # what is wrong, and whether that is silence
+        before, silence = set[Atom](), dict[Atom, bool]()  # what is wrong; whether it was only ever silent
         for at_s, state in self._record.states:
             silent = silenced(self._anatomy, state)
-            now = {odd.atom: odd.atom.args[0] in silent for odd in abnormal(self._anatomy, state)}
-            for atom in before.keys() - now.keys():
-                back_s = max(at_s, returned.get(atom.args[0], 0.0) if before[atom] else 0.0)
-                yield back_s, back_s + self._noticed_s(atom, silence=before[atom])
+            now = {odd.atom for odd in abnormal(self._anatomy, state)}
+            silence |= {atom: silence.get(atom, True) and atom.args[0] in silent for atom in now}
+            for atom in before - now:
+                back_s = max(at_s, returned.get(atom.args[0], 0.0))
+                yield back_s, back_s + self._noticed_s(atom, silence=silence[atom])
             before = now
 
     def _noticed_s(self, atom: Atom, *, silence: bool) -> float:
         """Return how long the observers of something take at most to see it fail."""
         topic = self._anatomy.topics.get(atom.args[0])
         if atom.predicate == "ok" and topic is not None:
-            preset = PRESETS[self._record.observers]
-            return preset.silence_s if silence else preset.delay_s(topic.rate_hz)
+            rate = PRESETS[self._record.observers].of(topic.rate_hz, topic.tolerance_hz)
+            return (rate.silence if silence else max(rate.silence, rate.first_verdict_s)) + rate.check_s
         return aspects_delay_s(self._anatomy, {atom})
 
     def times(self) -> set[float]:
@@ -139,12 +140,10 @@ class _Moments:
         return Part.DECIDES
 
     def _boots_first(self, at_s: float) -> bool:
-        """Whether a device boots whose driver has to be started, and after that."""
+        """Whether a device boots whose driver has to be started: nothing is back before that."""
         broken = {name for name, _ in self._record.state_at(at_s)}
-        nodes = self._anatomy.nodes
         return any(
-            began_s <= at_s < ended_s
-            and any(nodes[driver].hasty and driver in broken for driver in self._anatomy.drivers[device])
+            began_s <= at_s < ended_s and not broken.isdisjoint(self._anatomy.drivers[device])
             for device, began_s, ended_s in self._boots
         )
 

@@ -17,9 +17,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 
-from robomend.diagnosis.result import DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.components import ComponentModel
 from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
@@ -88,9 +89,12 @@ class Calm:
         self._diagnose = diagnose
         self._choose = choose
         self._start_up_s = start_up_s
+        self._anyhow = frozenset[str]()  # what is blamed whatever the verdicts are that were pending last
 
     async def settled(self, result: DiagnosisResult) -> DiagnosisResult:
-        """Return the diagnosis once no pending verdict could change the first act."""
+        """Return the diagnosis once no pending verdict could change the first act; or of it what is blamed
+        whatever they are, if it can be mended meanwhile.
+        """
         began, told, longest_s = time.monotonic(), False, 0.0
         while not result.healthy:
             left = self._pending()
@@ -105,6 +109,9 @@ class Calm:
                         break
                     result = await self._newest()  # something else came while it was asked
                     continue
+                sure = await self._sure(result) if slowest_s > TELL_S else None
+                if sure is not None and self._state.revision == asked_of:
+                    return sure
             if not told and slowest_s > TELL_S:
                 told = True
                 names = [str(atom) for atom in sorted(left)]
@@ -257,8 +264,11 @@ class Calm:
             return usual_ns
         node = parts.nodes[name]
         known_ns = sight.start_ups.after_our_start_ns(node, began_ns, parts, sight)
-        if known_ns is not None:
-            return known_ns
+        if known_ns is not None:  # what rests on it is judged anew after that
+            names = touched(parts, [name]) - published(parts, [name])
+            bad = (e.atom for e in self._state.obs.entries() if not e.positive and names & set(e.atom.args))
+            anew_ns = max((sight.delays(atom).settling_ns for atom in bad), default=0)
+            return known_ns + (anew_ns + SLACK_NS if anew_ns else 0)
         if "effect_timeout_s" in self._state.config.actions.get("start_node", {}):
             return usual_ns
         return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
@@ -267,6 +277,7 @@ class Calm:
         """Return whether one of the pending verdicts could change what is done first, where it is due to the
         same fault.
         """
+        self._anyhow = frozenset()
         if not result.diagnoses:  # none found in time: there is no act yet
             return True
         known = {literal.atom: literal for literal in self._state.sight.vouched()}
@@ -276,13 +287,14 @@ class Calm:
         if len(left) > MOST_FLIPS:
             return True
         now = bad_sets(result)
-        common = frozenset[str].intersection(*map(frozenset, now))
+        common = self._anyhow = frozenset[str].intersection(*map(frozenset, now))
         others: dict[frozenset[tuple[str, ...]], tuple[DiagnosisResult, list[Literal]]] = {}
         for literals in (rest, *_variants(known, sorted(left))):
             other = unknown if literals is rest else await self._diagnose(literals)
+            sets = bad_sets(other)
+            self._anyhow = self._anyhow.intersection(*map(frozenset, sets or {()}))
             if other.healthy:
                 return True
-            sets = bad_sets(other)
             repaired_anyhow = len(now) == 1 and bool(sets) and all(common <= set(bad) for bad in sets)
             another = bool(sets) and least(sets) > least(now)  # a fault of its own, which begins just now
             if sets != now and not repaired_anyhow and not another:
@@ -296,6 +308,17 @@ class Calm:
             if not acts <= first_acts(await self._choose(other, literals)):
                 return True
         return False
+
+    async def _sure(self, result: DiagnosisResult) -> DiagnosisResult | None:
+        """Return the diagnosis of what is blamed whatever the pending verdicts are, if that can be mended
+        and was not tried yet.
+        """
+        bad = tuple(name for name in result.components if name in self._anyhow)
+        tried = [one["diagnosis"]["bad"] for one in self._record.data.get("rounds", ())]
+        if not bad or list(bad) in tried:
+            return None
+        sure = replace(result, diagnoses=(Diagnosis(bad),), elapsed_s=0.0)
+        return sure if first_acts(await self._choose(sure, self._state.sight.vouched())) else None
 
     def _theirs(
         self, unknown: DiagnosisResult, left: Collection[Atom], known: Mapping[Atom, Literal]

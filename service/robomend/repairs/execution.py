@@ -187,7 +187,15 @@ class _Run:
         return None
 
     async def _let_running_steps_end(self, halted: asyncio.Task[None]) -> _Stop | None:
-        """Return the stop of a step that a person must look at, whatever else ended the plan before it."""
+        """Return the stop of a step that a person must look at, whatever else ended the plan before it.
+
+        One of which nothing was sent yet only waits, be it a minute for a device to boot: it ends at once.
+        """
+        reports = self._reporting.all
+        waiting = {task for task, index in self._tasks.items() if reports[index].sent_ns is None}
+        await _cancel(waiting)
+        for task in waiting:
+            del self._tasks[task]
         # Their actions are on the way and every wait in them is bounded; cutting them off would leave
         # outcomes unknown.
         doubt: _Stop | None = None

@@ -124,19 +124,20 @@ class Looking:
         Args:
             sent_ns: when the step was sent: what it starts begins after that, be it before it has answered.
         """
-        # What nobody reports of a device any more comes by its driver, which may have to be restarted first.
+        # What nobody says of a device since comes by its driver, which may have to be restarted first.
         by_driver = action in POWER_ACTIONS
         awaited = frozenset(
             literal
             for literal in wanted
-            if self._sight.reported(literal.atom)
-            or (literal.atom in self._observed and not (by_driver and literal.atom.predicate == "ok"))
+            if self._sight.reported(literal.atom) or literal.atom in self._observed
         )
 
         def missing() -> frozenset[Literal] | None:
             # Another step may have taken away what this one gave, or have failed to give what it rests on.
             left = awaited & self._prediction.expected()
-            return frozenset(w for w in left if self._sight.value(w.atom) != w.positive) or None
+            values = {w: self._sight.value(w.atom) for w in left}
+            unsaid = {w for w in left if by_driver and w.atom.predicate == "ok" and values[w] is None}
+            return frozenset(w for w in left - unsaid if values[w] != w.positive) or None
 
         began, answered_ns = time.monotonic(), CLOCK.now_ns()
         longest_s = timeout_s

@@ -75,18 +75,20 @@ class Permission:
         told = False
         topics = () if parts is None or node not in parts.nodes else parts.nodes[node].publishes
         heard = [atom for atom in (Atom("ok", (topic,)) for topic in topics) if sight.reported(atom)]
-        while parts is not None and not (heard and all(map(sight.value, heard))):
-            left_s = (sight.start_ups.drivable_ns(node, parts, sight) - CLOCK.now_ns()) / 1e9
-            if left_s <= 0:
-                break
-            if not told and left_s > TELL_S:
-                told = True
-                devices = sight.start_ups.booting(node, parts, sight)
-                why = f"until {named(devices)} has booted: {node} is started after that"
-                await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=list(devices))
-            await self._state.changed(self._state.revision, min(left_s, LOOK_S))
-        if told:
-            await self._record.update(RepairTrigger.PERMITTED, waiting_for=[])
+        try:
+            while parts is not None and not (heard and all(map(sight.value, heard))):
+                left_s = (sight.start_ups.drivable_ns(node, parts, sight) - CLOCK.now_ns()) / 1e9
+                if left_s <= 0:
+                    break
+                if not told and left_s > TELL_S:
+                    told = True
+                    devices = sight.start_ups.booting(node, parts, sight)
+                    why = f"until {named(devices)} has booted: {node} is started after that"
+                    await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=list(devices))
+                await self._state.changed(self._state.revision, min(left_s, LOOK_S))
+        finally:  # the plan may have ended meanwhile
+            if told:
+                await self._record.update(RepairTrigger.PERMITTED, waiting_for=[])
 
     def at_once(self, choice: Choice) -> Choice:
         """Return what of a choice needs no yes, if the rest does and has nothing to do with it; else all."""

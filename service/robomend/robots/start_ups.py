@@ -483,9 +483,11 @@ class StartUps:
 
     def _bootable_ns(self, node: str, device: str, parts: ComponentModel, seen: Seen) -> int:
         booted_ns, power_ns = self.booted_ns(device, parts, seen), self._power_ns(device, seen)
-        orders = self._orders.get(node, 0)
-        if not orders or not power_ns or parts.hardware[device].boot_s is not None:
-            return booted_ns
+        orders, boot_s = self._orders.get(node, 0), parts.hardware[device].boot_s
+        if boot_s is not None:  # should it take longer this once, it is started once more
+            return booted_ns if orders or not booted_ns else power_ns + _about(_ns(boot_s))
+        if not orders or not power_ns:
+            return 0
         starts = (self._took[topic].all() for topic in parts.nodes[node].publishes if topic in self._took)
         if took := [start.took_ns for known in starts for start in known if start.powered]:
             return power_ns + _with_room(max(took))
@@ -570,6 +572,11 @@ def _inputs(node: Node, topic: str) -> list[Atom]:
 
 def _ns(seconds: float | None) -> int:
     return round((seconds or 0.0) * 1e9)
+
+
+def _about(known_ns: int) -> int:
+    """Return what to try after what has taken so long, where in vain means to try once more."""
+    return known_ns + max(known_ns // 8, LEAST_NS) if known_ns else 0
 
 
 def _with_room(known_ns: int) -> int:
