@@ -119,6 +119,8 @@ class Prediction:
                 self._facts.discard(effect.atom)
             elif effect.atom.predicate == "bad":
                 self._hold(effect.atom)
+            elif effect.atom.predicate in OBSERVED_FACTS:  # a remedy may stop what it starts
+                self._facts.discard(effect.atom)
 
     def finish(self, step: Step) -> None:
         """The action reported success."""
