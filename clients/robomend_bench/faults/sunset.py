@@ -13,7 +13,7 @@ A scenario is one node that drops its messages, one fault of the picture, and a 
     unfocused    each picture takes half a second longer, until the camera focuses
 
 A strategy is needless if it ended nothing, or redeployed what a restart would have cured, and on a wrong
-component if nothing was the matter with that.
+component if what it is for was not the matter with that.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ class Sunset:
         name, on = act.name, act.parameters[0]
         of_camera = self.dark or self.unfocused
         matter = {
-            "reactivate": on in self.drops or (on == CAMERA and of_camera) or (on == FUSION and self.shifted),
+            "reactivate": on in self.drops or (on == CAMERA and self.dark and name == "reactivate"),
             "recalibrate": self.shifted or FUSION in self.drops,
             "autofocus": of_camera or CAMERA in self.drops,
             "show": self.dark != self.enhanced,
