@@ -41,3 +41,13 @@ def test_what_a_topic_needs_is_found_against_the_arrows_circles_included() -> No
         "joints": set(),
         "driver": set(),
     }
+
+
+def test_a_rule_that_asks_for_what_is_only_observed_is_followed_to_what_it_concludes() -> None:
+    rule = "  - not ab(arm_driver) and ok(lit) -> ok(sharp)\n"
+    system = load_text(MODEL.replace("[cpu]", "[cpu, lit, sharp]") + rule)
+    assert system.parts is not None
+    lit, sharp = (Atom("ok", (name,)) for name in ("lit", "sharp"))
+    theory = theory_of(system.cnf)
+    assert influenced(system.parts, theory, ["arm_driver"], [lit, sharp]) == {sharp}
+    assert influenced(system.parts, theory, ["slam"], [lit, sharp]) == frozenset()

@@ -52,6 +52,15 @@ def test_the_fault_mode_decides_which_act_comes_first() -> None:
     assert texts(planned({})) == ["stop_node(camera)", "start_node(camera)"]  # the cheapest, as ever
 
 
+def test_a_mode_that_says_what_another_one_says_is_not_known_nor_learned_of() -> None:
+    alike = model(CAMERA.replace(', "not ok(log)"', ""))
+    for told in ("soft", "hard"):
+        found = rates(alike, {"camera": told}, [Tried("camera", frozenset({"restart"}), False, "soft")])
+        restart = found["restart", "camera"]
+        assert restart.prior == pytest.approx(0.475)
+        assert (restart.helped, restart.of) == (0, 1)
+
+
 def test_outcomes_change_what_is_given_and_the_order_with_it() -> None:
     text = CAMERA.replace("{soft: 0.9, hard: 0.05}", "0.6").replace("{soft: 0.9, hard: 0.95}", "0.4")
     assert texts(planned(rates(model(text), {}, ()), text)) == ["stop_node(camera)", "start_node(camera)"]

@@ -67,6 +67,77 @@ async def test_one_that_does_not_help_or_is_refused_gives_way_to_the_restart(
     assert robot.done == ["clear(mapping)", *RESTART]
 
 
+async def test_one_that_starts_its_node_is_asked_for_while_that_hangs_and_may_stop_it_meanwhile(
+    tmp_path: Path,
+) -> None:
+    async def unit(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "clear":
+            robot.running["mapping"] = False
+            await robot.settled()
+            robot.running["mapping"] = True
+            robot.broken_topics.discard("map")
+        return None
+
+    remedies = "  clear: {mends: mapping, starts: true, cost: 1}"
+    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies) as robot:
+        robot.spoil = unit
+        robot.broken_topics.add("map")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done == ["clear(mapping)"]
+    (one,) = repair["rounds"]
+    assert one["ending"] == "done"
+
+
+async def test_one_that_mended_only_half_of_what_was_blamed_is_not_asked_for_again(tmp_path: Path) -> None:
+    async def only_the_base(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "start_node":
+            robot.broken_topics.discard("map")
+        elif parameter == "base_node":
+            robot.broken_topics.discard("odom")
+        return None
+
+    remedies = "  clear: {mends: [mapping], cost: 1}\n  reset: {mends: [base_node], cost: 1}"
+    actions = {**CONFIG["actions"], "clear": QUICK, "reset": QUICK}
+    async with service(tmp_path) as runtime, mapping_robot(runtime, remedies, actions=actions) as robot:
+        robot.spoil = only_the_base
+        robot.broken_topics |= {"map", "odom"}
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert sorted(robot.done[:2]) == ["clear(mapping)", "reset(base_node)"]
+    assert robot.done[2:] == RESTART
+
+
+@pytest.mark.parametrize("essential", ["base_node", "mapping"])
+async def test_of_two_that_may_be_asked_for_at_once_that_of_what_is_needed_more_comes_first(
+    essential: str, tmp_path: Path
+) -> None:
+    mends = {"clear": "mapping", "reset": "base_node"}
+
+    async def heals(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.broken_topics.discard("map" if parameter == "mapping" else "odom")
+        return None
+
+    remedies = "".join(f"  {act}: {{mends: {node}, cost: 1}}\n" for act, node in mends.items())
+    remedies += "rules:\n  - not ab(mapping) -> ok(needed)\nproperties: [needed]"
+    actions = {**CONFIG["actions"], "clear": QUICK, "reset": QUICK}
+    async with service(tmp_path) as runtime:
+        model = MODEL
+        for node in mends.values():
+            said = "essential" if node == essential else "optional"
+            model = model.replace(f"  {node}: {{", f"  {node}: {{criticality: {said}, ")
+        model = f"{model}remedies:\n{remedies}\n".replace("name: small", "name: mended")
+        await runtime.robots.models.put("mended", model, format=None, expected=None, by="test")
+        async with robot_on(runtime, model="mended", actions=actions) as robot:
+            robot.spoil = heals
+            await robot.settled()
+            robot.broken_topics |= {"map", "odom"}
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done[0] == ("clear(mapping)" if essential == "mapping" else "reset(base_node)")
+    assert sorted(robot.done) == ["clear(mapping)", "reset(base_node)"]
+
+
 async def test_the_kind_of_symptom_chooses_it(tmp_path: Path) -> None:
     remedies = "  clear: {mends: mapping, symptoms: [still]}"
     async with service(tmp_path) as runtime, mapping_robot(runtime, remedies) as robot:

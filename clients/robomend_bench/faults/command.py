@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robomend_bench.faults.bench import LATE_S, run_trials
+from robomend_bench.faults.exemplars import EXEMPLARS, play_exemplar
 from robomend_bench.faults.field import BY_NAME, WORLDS
 from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ
 from robomend_bench.faults.record import Record, Trial, parse_trial
@@ -229,6 +230,11 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
     is_flag=True,
     help="The service sees each robot being switched on, some seconds before its fault.",
 )
+@click.option(
+    "--exemplar",
+    type=click.Choice(EXEMPLARS),
+    help="Instead: an exemplar of others with its published scenarios; `sunset` beside its authors' rules.",
+)
 @click.option("--only-trial", callback=_trial, help="Play one trial and print all that happened in it.")
 @click.option(
     "--verbose", is_flag=True, help="Print all that happened in each trial, with the service's accounts."
@@ -259,6 +265,7 @@ def command(
     agent: str,
     beside: bool,
     boots: bool,
+    exemplar: str | None,
     only_trial: Trial | None,
     verbose: bool,
     out: Path | None,
@@ -277,6 +284,7 @@ def command(
     robomend-bench faults --observers fast --topics-hz 10
     robomend-bench faults --world field                what people report of their robots
     robomend-bench faults --beside                     beside what people use today
+    robomend-bench faults --exemplar sunset            the exemplars of others, also suave
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
@@ -284,6 +292,11 @@ def command(
 
     What each figure means: docs/score.md.
     """
+    if exemplar is not None:
+        with _errors_alone("robomend_client"):
+            told = play_exemplar(exemplar, scenarios=min(trials, 50), jobs=jobs or 2, verbose=verbose)
+        click.echo(json.dumps(told.as_json(), indent=1) if output == "json" else told.markdown())
+        return
     terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots, topics_hz=topics_hz)
     stretches = 0 if beside else stretches
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from robomend.model.components import ComponentModel
+from robomend.model.components import Component, ComponentModel
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.policy import DARK
 
@@ -96,10 +96,11 @@ def rates(
     """Return what the model gives, and what was learned.
 
     Args:
-        modes: the fault mode of a component, where it is known.
+        modes: the fault mode of a component, where it is known; one that says what another one says is not.
         outcomes: of earlier repairs; what came back by itself is not among them.
     """
     found: dict[tuple[str, str], SuccessRate] = {}
+    modes = {name: _told_apart(model.parts[name], mode) for name, mode in modes.items()}
     for name, part in model.parts.items():
         for act, by_mode in part.helps.items():
             mode = modes.get(name, "")
@@ -109,7 +110,9 @@ def rates(
             found[act, name] = SuccessRate(act, name, prior, given=True)
     counts: dict[tuple[str, str], list[int]] = {}
     for one in outcomes:
-        if len(one.acts) == 1 and one.mode == modes.get(one.component, ""):
+        known_as = model.parts.get(one.component)
+        mode = one.mode if known_as is None else _told_apart(known_as, one.mode)
+        if len(one.acts) == 1 and mode == modes.get(one.component, ""):
             for act in one.acts:
                 tally = counts.setdefault((act, one.component), [0, 0])
                 tally[0] += one.helped
@@ -122,6 +125,13 @@ def rates(
             prior = CURES[Cure.POWER_CYCLE if key[0] == CYCLE else Cure.OTHER]
             found[key] = SuccessRate(*key, prior, given=False, helped=helped, of=of)
     return found
+
+
+def _told_apart(part: Component, mode: str) -> str:
+    """Return a component's fault mode, or nothing if another one says the same: nothing tells which it is."""
+    said = part.modes.get(mode)
+    alike = said is not None and any(said == other for name, other in part.modes.items() if name != mode)
+    return "" if alike else mode
 
 
 def curing(plan: Plan, bad: Collection[str]) -> dict[str, tuple[str, str]]:

@@ -4,7 +4,8 @@
 
 What the theory derives from all good components and not without those acted on is the core of it. That alone
 misses topics which need each other in circles, or an input from outside: nothing is derived of them. So it is
-followed along the model's own arrows, and what the user's rules derive is added.
+followed along the model's own arrows, and what the user's rules conclude of those acted on is added, also
+where they ask for something that is only observed.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def influenced(
     names = touched(parts, acted_on)
     good = parts.components
     lost = theory.derived(good) - theory.derived(name for name in good if name not in acted_on)
-    derived = {literal.atom for literal in lost}
+    derived = {literal.atom for literal in lost} | theory.concluded(acted_on)
     return frozenset(atom for atom in known if atom in derived or names.intersection(atom.args))
 
 

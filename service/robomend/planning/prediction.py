@@ -73,6 +73,20 @@ class Theory:
         )
 
 
+    def concluded(self, components: Iterable[str]) -> frozenset[Atom]:
+        """Return the atoms that some rule concludes of one of these being healthy, whatever else it asks for:
+        those that it has unnegated, or all where it has none.
+        """
+        cnf, first = self._cnf, len(self._cnf.components)
+        found: set[Atom] = set()
+        for component in components:
+            for index in self._watching[-cnf.health[component]]:
+                atoms = [one for one in cnf.clauses[index] if first < abs(one) <= first + len(cnf.atoms)]
+                heads = [one for one in atoms if one > 0] or atoms
+                found.update(cnf.atoms[abs(one) - first - 1] for one in heads)
+        return frozenset(found)
+
+
 THEORIES = 16
 """System descriptions whose index is kept; a fleet has few models, an index is as large as its clauses."""
 
@@ -119,6 +133,8 @@ class Prediction:
                 self._facts.discard(effect.atom)
             elif effect.atom.predicate == "bad":
                 self._hold(effect.atom)
+            elif effect.atom.predicate in OBSERVED_FACTS:  # a remedy may stop what it starts
+                self._facts.discard(effect.atom)
 
     def finish(self, step: Step) -> None:
         """The action reported success."""

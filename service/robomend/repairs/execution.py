@@ -166,7 +166,7 @@ class _Run:
 
     def _start_ready(self) -> None:
         started = self._done | set(self._tasks.values())
-        for step in self._plan.steps:
+        for step in sorted(self._plan.steps, key=self._setting.later):
             if step.index not in started and self._done.issuperset(step.after):
                 self._tasks[asyncio.create_task(self._step(step), name=str(step))] = step.index
 

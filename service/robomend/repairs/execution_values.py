@@ -212,6 +212,7 @@ class Setting:
     answers_s: Callable[[Step], float] = lambda step: 0.0  # what who carries it out needs for its answer
     confirm: Confirm = nobodys
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
+    later: Callable[[Step], int] = lambda step: 0  # of steps that may begin now, the least comes first
     well: Callable[[Step], Awaitable[str | None]] = _unknown  # asked before a step acts on what is bad: None,
     # or by what evidence that is good by now, and not to be touched
 

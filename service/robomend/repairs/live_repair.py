@@ -13,6 +13,7 @@ from functools import partial
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.model.components import Criticality
 from robomend.planning.advice import other_suspects
 from robomend.planning.choice import Choice
 from robomend.planning.influence import published
@@ -301,8 +302,17 @@ class LiveRepair:
             answers_s=self._answers_s,
             confirm=self._confirm,
             report=report,
+            later=self._later,
             well=self._well,
         )
+
+    def _later(self, step: Step) -> int:
+        """Return how little the robot needs what a step acts on: an agent does one act after the other."""
+        parts = self._state.system.parts
+        mended = (e.atom.args[0] for e in step.effects if e.positive and e.atom.predicate == "good")
+        names = {*step.parameters, *mended}
+        known = [part.criticality for name, part in parts.parts.items() if name in names] if parts else []
+        return min(map(list(Criticality).index, known), default=len(Criticality))
 
     async def _well(self, step: Step) -> str | None:
         """Return by what evidence the bad that a step acts on is good now: all that it publishes and that is

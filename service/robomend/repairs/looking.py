@@ -49,7 +49,9 @@ class Looking:
         self._prediction = setting.prediction
         self._hold_s = setting.default_timing.hold_s
         # Expected literals that OBS has shown. What the plan was made on and leaves as it is, it showed then.
+        steps = tuple(steps)
         theirs = {observable(effect).atom for step in steps for effect in step.effects}
+        self._before = _before(steps, self._prediction.expected())
         self._agreed = {
             literal
             for literal in self._prediction.expected()
@@ -59,9 +61,10 @@ class Looking:
     def visible(self, step: Step) -> bool:
         """Return whether OBS shows each on/off and running/stopped that the step brings about.
 
-        What was so before the step says nothing of it: a process that lingers was not seen to run either.
+        What was so before the step says nothing of it: a process that lingers was not seen to run either, and
+        one that hangs runs before a remedy restarts it.
         """
-        before = set(step.preconditions)
+        before = {*step.preconditions, *self._before.get(step.index, ())}
         facts = {
             observable(effect)
             for effect in step.effects
@@ -219,6 +222,18 @@ class Looking:
             if answer is None or left <= 0:
                 return answer
             await self._sight.changed(revision, min(left, LOOK_S if at_most == inf else SOON_S))
+
+
+def _before(steps: Iterable[Step], expected: Iterable[Literal]) -> dict[int, frozenset[Literal]]:
+    """Return, for each step of a plan, what is on or running before it."""
+    facts = {literal for literal in expected if literal.positive and literal.atom.predicate in OBSERVED_FACTS}
+    found: dict[int, frozenset[Literal]] = {}
+    for step in steps:
+        found[step.index] = frozenset(facts)
+        for effect in map(observable, step.effects):
+            if effect.atom.predicate in OBSERVED_FACTS:
+                (facts.add if effect.positive else facts.discard)(Literal(effect.atom))
+    return found
 
 
 def first_of(missing: Sequence[Literal]) -> str:

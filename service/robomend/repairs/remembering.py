@@ -11,6 +11,7 @@ from robomend.planning.choice import Choice
 from robomend.planning.cures import Tried, curing, once
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
+from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt
 from robomend.repairs.execution_values import Ending, Execution, StepReport
@@ -57,18 +58,20 @@ def remembered(
     back = came_back(again, suspected, now_ns=now, patience=patience)
     aside = [entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)]
     own = [(one, r) for one, r in zip(tried, records, strict=True) if not one.by_itself]
+    repair = repairs.newest(view, [robot]).get(robot)
+    open_ = repair.id if repair is not None and repair.open else ""
     useless = [replace(r, helped=False) if one in again else r for one, r in own]
     return Remembered(
         tuple(
             one for one in unlasting((one for one, _ in own), again) if one.helped or one.time_ns >= since_ns
         ),
         tuple(dict.fromkeys([*aside, *back])),
-        useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9))),
+        useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9)), open_repair=open_),
         attempts.counted(view, robot, now - HOUR_NS),
-        surely_broken(records, repairs.newest(view, [robot]).get(robot)),
+        surely_broken(records, repair),
         again,
         frozenset(aside),
-        outcomes(records, repairs.newest(view, [robot]).get(robot)),
+        outcomes(records, repair),
         reconnecting(records),
     )
 
@@ -106,13 +109,18 @@ def surely_broken(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -
     return frozenset(found)
 
 
-def useless_of(tried: Iterable[StoredAttempt], *, since_ns: int) -> dict[frozenset[str], frozenset[str]]:
-    """Return, for each diagnosis, the actions that were done for it lately and did not cure it."""
+def useless_of(
+    tried: Iterable[StoredAttempt], *, since_ns: int, open_repair: str = ""
+) -> dict[frozenset[str], frozenset[str]]:
+    """Return, for each diagnosis, the actions that were done for it lately and did not cure it; in the open
+    repair also for each component of the diagnosis: the rest of it may be well by now.
+    """
     found: dict[frozenset[str], frozenset[str]] = {}
     for one in tried:
         if not one.helped and one.time_ns >= since_ns:
-            bad = frozenset(one.bad)
-            found[bad] = found.get(bad, frozenset()) | frozenset(one.data.get("direct", ()))
+            alone = ([name] for name in one.bad if one.repair == open_repair)
+            for bad in {frozenset(one.bad), *map(frozenset, alone)}:
+                found[bad] = found.get(bad, frozenset()) | frozenset(one.data.get("direct", ()))
     return found
 
 
@@ -135,11 +143,10 @@ def judged(
     assert choice.plan is not None
     assert choice.diagnosis is not None
     now = time.time_ns()
-    finished = {StepState.DONE, StepState.ALREADY}
     tried = attempt(
         choice.diagnosis,
         choice.plan,
-        done=[report.step.index for report in execution.steps if report.state in finished or report.seen],
+        done=[report.step.index for report in execution.steps if _carried_out(report)],
         time_ns=now,
         effect_seen=execution.effect_seen,
         helped=helped and by_itself is None,
@@ -160,6 +167,16 @@ def judged(
     left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=patience)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
+
+
+def _carried_out(report: StepReport) -> bool:
+    """Return whether an action did what it is for, be it in vain: nothing that it switches or starts is
+    missing.
+    """
+    if report.state in {StepState.DONE, StepState.ALREADY} or report.seen:
+        return True
+    facts = (literal for literal in report.missing if literal.atom.predicate in OBSERVED_FACTS)
+    return report.result is not None and report.result.ok and next(facts, None) is None
 
 
 def by_evidence(plan: Plan, bad: Collection[str]) -> frozenset[str]:
