@@ -213,6 +213,17 @@ class _Attached:
         return stage.start("agent", python("robomend_client.agent.main", str(file)))
 
     def _put(self, url: str) -> None:
+        """Tell the service of the robot, again while a busy computer does not let it answer."""
+        began_s = time.monotonic()
+        while True:
+            self._interrupts.check()
+            try:
+                return self._put_once(url)
+            except BackendError:
+                if time.monotonic() - began_s > SERVICE_S:
+                    raise
+
+    def _put_once(self, url: str) -> None:
         """Tell the service of the robot, as the files say: a new version of what it has already."""
         from robomend.cli.init.described import model_file
         from robomend.cli.remote.connection import asking

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
+from robomend.model.checking import check
 from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady
 from robomend.model.loading import load_text
-from robomend_client.literals import fails
+from robomend_client.literals import fails, holds
 from robomend_client.observers.rate import Rate
 from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, lasting_name
 
@@ -248,6 +249,24 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     assert "'not ab(imu) -> ok(changing_imu_data)'" in made.text
     load_text(made.text)
     files_of(Described("rover", heard=found, origin=found.origin))
+
+
+def test_what_no_longer_reaches_its_listeners_is_its_publishers_fault_and_not_theirs() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/base": (["/odom"], []),
+        "/ekf": (["/filtered"], ["/odom"]),
+        "/recorder": ([], ["/filtered"]),
+    }
+    topics = {"/odom": came(30), "/filtered": came(30)}
+    made = first_model(heard(topics, nodes, origin={"ros2": {"domain": 7}}), "rover")
+    system = load_text(made.text)
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), fails("ok", "qos_odom")]
+    found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
+    assert [one.bad for one in found] == [("base",)]
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), holds("ok", "qos_odom")]
+    found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
+    assert [one.bad for one in found] == [("ekf",)]
+    assert check(system) == ()
 
 
 def test_what_may_have_been_broken_is_asked() -> None:

@@ -6,9 +6,10 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
+from tests.node_process import NodeProcess
 from tests.robomend_demo.playing import children
 from tests.ros1 import Robot as Ros1Robot
 from tests.ros1 import robot as ros1_robot
@@ -149,6 +151,62 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     assert model.nodes["planner"].publishes == {"plan": ("pose",), "cmd_vel": ()}
     assert [name for name, topic in model.topics.items() if topic.silent] == ["cmd_vel", "map"]
     assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
+
+
+@pytest.mark.timeout(600)
+def test_what_nodes_show_beside_their_topics_is_put_to_them_too(tmp_path: Path) -> None:
+    imu = {"topic": "/imu", "type": "sensor_msgs/Imu", "rate": 10}
+    moves = {"moves": "linear_acceleration.z"}
+    odom = {"topic": "/odom", "type": "std_msgs/String", "rate": 10}
+
+    def start(ros: Ros2Robot) -> None:
+        ros.node("imu_driver").do("publish", **imu, **moves)
+        ros.node("base_driver").do("publish", **odom)
+        odometry = ros.node("odometry")
+        odometry.do("relay", topic="/odom", to="/filtered", type="std_msgs/String")
+        odometry.do("lifecycle", name="costmap")
+        odometry.do("move", name="costmap", transition="configure")
+        odometry.do("move", name="costmap", transition="activate")
+        ros.node("navigator").do("serve", name="/navigate")
+
+    def again(node: NodeProcess, **line: Any) -> None:
+        node.do("unpublish", topic=line["topic"])
+        node.do("publish", **line)
+
+    with ros2_robot(tmp_path) as ros:
+        start(ros)
+        client = ros.node("operator")
+        with attached(tmp_path, ros.environment, *README) as attach:
+            attach.until_said(r"\bhealthy$")
+            faults: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
+                "imu_driver": (
+                    lambda: again(ros.nodes["imu_driver"], **imu),  # its value stands still
+                    lambda: again(ros.nodes["imu_driver"], **imu, **moves),
+                ),
+                "base_driver": (
+                    lambda: again(ros.nodes["base_driver"], **odom, reliable=False),
+                    lambda: again(ros.nodes["base_driver"], **odom),
+                ),
+                "costmap": (
+                    lambda: ros.nodes["odometry"].do("move", name="costmap", transition="deactivate"),
+                    lambda: ros.nodes["odometry"].do("move", name="costmap", transition="activate"),
+                ),
+                "navigator": (
+                    lambda: client.do("act", name="/navigate", order=13),  # aborted
+                    lambda: client.do("act", name="/navigate", order=1),
+                ),
+            }
+            for node, (plant, undo) in faults.items():
+                plant()
+                attach.until_said(rf"unhealthy: {node}$")
+                undo()
+                until(lambda: re.search(r"\) healthy\n\Z", attach.said), f"{node}: {attach.said}", MOST_S)
+            for one in list(ros.nodes.values()):
+                one.close()
+            attach.until_said(r"unhealthy: .*imu_driver.*")
+            start(ros)
+            ros.node("operator")
+            until(lambda: re.search(r"\) healthy\n\Z", attach.said), attach.said, MOST_S)
 
 
 @pytest.mark.timeout(400)
