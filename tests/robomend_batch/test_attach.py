@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -237,6 +239,72 @@ def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path
     assert "\n  later: {rate_hz:" in text
 
 
+SYSTEMCTL = """#!{python}
+import os, pathlib, re, shlex, subprocess, sys
+home = pathlib.Path(os.environ["XDG_CONFIG_HOME"])
+with (home / "asked").open("a") as asked:
+    print(*sys.argv[2:], file=asked)
+if sys.argv[2] == "restart":
+    text = (home / "systemd" / "user" / sys.argv[3]).read_text()
+    text = text.replace("%%", "%").replace("$$", "$")
+    [command] = re.findall("^ExecStart=(.*)$", text, re.M)
+    said = dict(shlex.split(one)[0].split("=", 1) for one in re.findall("^Environment=(.*)$", text, re.M))
+    [folder] = re.findall("^WorkingDirectory=(.*)$", text, re.M)
+    own = {{name: value for name, value in os.environ.items() if not name.startswith("ROS_")}}
+    with (home / (sys.argv[3] + ".log")).open("w") as log:
+        around = dict(cwd=folder, env={{**own, **said}}, stdout=log, stderr=log)
+        child = subprocess.Popen(shlex.split(command), **around)
+    with (home / "started").open("a") as started:
+        print(child.pid, file=started)
+sys.exit(sys.argv[2] == "is-active")
+"""
+"""It starts what a unit says, in the environment that the unit says, and ends nothing."""
+
+
+@pytest.mark.timeout(400)
+def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
+    home, programs = tmp_path / "config $HOME", tmp_path / "bin"
+    home.mkdir()
+    programs.mkdir()
+    (programs / "systemctl").write_text(SYSTEMCTL.format(python=sys.executable))
+    (programs / "systemctl").chmod(0o755)
+    with ros2_robot(tmp_path) as ros:
+        rover2(ros)
+        path = f"{programs}:{ros.environment['PATH']}"
+        around = {**ros.environment, "PATH": path, "XDG_CONFIG_HOME": str(home)}
+        try:
+            with attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach:
+                page = attach.until_said("^the page: ").removeprefix("the page: ")
+                attach.until_said("It ends with: systemctl --user disable --now robomend-rover")
+                assert attach.process.wait(MOST_S) == 0
+            url, _, robot = page.partition("/ui/robots/")
+
+            def healthy() -> bool:
+                return bool(httpx.get(f"{url}/api/v1/robots/{robot}").json()["state"] == "healthy")
+
+            until(healthy, "it is healthy", MOST_S)
+            units = sorted((home / "systemd" / "user").iterdir())
+            assert [unit.name for unit in units] == [
+                f"robomend-{robot}-agent.service",
+                f"robomend-{robot}.service",
+            ]
+            checker = shutil.which("systemd-analyze")
+            if checker is not None:
+                done = subprocess.run(
+                    [checker, "verify", "--user", *map(str, units)],
+                    check=False,
+                    capture_output=True,
+                    text=True,
+                )
+                told = [line for line in done.stderr.splitlines() if "robomend-" in line]
+                assert not told, done.stderr
+        finally:
+            started = (home / "started").read_text().split()
+            for pid in started:
+                os.kill(int(pid), signal.SIGTERM)
+            until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
+
+
 def test_files_that_are_there_are_shown_and_not_overwritten(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -290,6 +358,8 @@ def recording(file: Path, rate_hz: int) -> None:
         (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
         (["--ros1", "http://127.0.0.1:1/"], 2, "no robot was found. the master at http://127.0.0.1:1/"),
         (["--name", "a b"], 2, "'a b' is no robot's name"),
+        (["--detach"], 2, "--detach needs systemd"),
+        (["--detach", "--bag", "."], 2, "--bag starts nothing that --detach could leave running"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(
@@ -302,6 +372,7 @@ def test_what_cannot_be_is_said(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ROS_HOSTNAME", "127.0.0.1")
+    monkeypatch.setenv("PATH", str(tmp_path))
     assert run(["attach", *arguments]) == code
     told = capsys.readouterr().err
     assert why in told
