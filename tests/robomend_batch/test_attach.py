@@ -305,6 +305,28 @@ def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
             until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
 
 
+@pytest.mark.timeout(600)
+def test_it_ends_with_all_that_it_started_at_whatever_moment(tmp_path: Path) -> None:
+    with ros2_robot(tmp_path) as ros:
+        lidar = ros.node("lidar_driver")
+        for number, (moment, code) in enumerate(
+            {
+                "^looking for": 130,
+                "^listening, ": 130,
+                "^wrote .*agent.yaml": 130,
+                "^the page: ": 0,
+                r"\) unknown$|\) .*healthy$": 0,
+            }.items()
+        ):
+            if number == 1:
+                lidar.do("publish", topic="/scan", type="std_msgs/String", rate=10)
+            with attached(tmp_path, ros.environment, *README, f"robot{number}") as attach:
+                attach.until_said(moment)
+                assert attach.end() in (code, 0), attach.said
+                assert "ended: all that was started is gone" in attach.said
+                assert "Traceback" not in attach.said
+
+
 def test_files_that_are_there_are_shown_and_not_overwritten(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
