@@ -5,6 +5,7 @@
 
 `raw` instead of `value`: bytes in hexadecimal, whatever the type. `stamped`: a header has the robot's time,
 less `behind_s`. `moves`: the number that counts up, as `data` or `acceleration.z`.
+`of`: another node of the process, by its name.
 """
 
 from __future__ import annotations
@@ -105,7 +106,8 @@ class Commands:
 
     def publish(self, line: dict[str, Any]) -> None:
         topic, kind = line["topic"], load(line["type"])
-        publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, quality(line))
+        node: Any = self.others.get(line.get("of", ""), self.node)
+        publisher = self.publishers[topic] = node.create_publisher(kind, topic, quality(line))
         raw = bytes.fromhex(line["raw"]) if "raw" in line else None
         message: Any = raw if raw is not None else fill(kind(), line.get("value", {}))
 
@@ -129,8 +131,9 @@ class Commands:
     def relay(self, line: dict[str, Any]) -> None:
         """Publish on one topic, as soon as something comes on another."""
         topic, kind = line["to"], load(line["type"])
-        publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, 10)
-        self.node.create_subscription(kind, line["topic"], publisher.publish, quality(line))
+        node: Any = self.others.get(line.get("of", ""), self.node)
+        publisher = self.publishers[topic] = node.create_publisher(kind, topic, 10)
+        node.create_subscription(kind, line["topic"], publisher.publish, quality(line))
 
     def hush(self, line: dict[str, Any]) -> None:
         self.node.destroy_timer(self.timers.pop(line["topic"]))

@@ -27,6 +27,7 @@ import click
 
 from robomend.cli.model_from_ros import FILE, with_files
 from robomend.errors import BackendError, InputError
+from robomend_batch import detached
 
 if TYPE_CHECKING:
     from robomend.cli.interrupts import Interrupts
@@ -77,6 +78,7 @@ class Wanted:
     url: str | None
     key: str | None
     update: bool
+    detach: bool = False
     launch: tuple[Path, ...] = ()
     analyzers: tuple[Path, ...] = ()
 
@@ -112,6 +114,7 @@ class Wanted:
 @click.option("--url", envvar="ROBOMEND_URL", help="A service that runs, instead of one of its own.")
 @click.option("--key", envvar="ROBOMEND_KEY", help="Of role operator, for --url.")
 @click.option("--update", is_flag=True, help="Write what has changed into files that are there.")
+@click.option("--detach", is_flag=True, help="Leave it running, as units of your systemd.")
 def command(
     folder: Path | None,
     ros1: str | None,
@@ -125,6 +128,7 @@ def command(
     url: str | None,
     key: str | None,
     update: bool,
+    detach: bool,
 ) -> int:
     """Find a running robot, listen to it, and watch it from then on.
 
@@ -151,7 +155,11 @@ def command(
     if not ROBOT.match(robot):
         raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most); see --name")
     asked = folder, robot, seconds, ros1, ros2, namespace, url, key, update
-    wanted = Wanted(*asked, launch, analyzers)
+    wanted = Wanted(*asked, detach, launch, analyzers)
+    if detach and bags:
+        raise click.UsageError("--bag starts nothing that --detach could leave running")
+    if detach:
+        detached.check()
     if bags:
         _write(wanted, heard_of_bags(bags).within(namespace), _url(wanted))
         files = f"-m {folder / model_file(robot)} --observers {folder / 'agent.yaml'}"
@@ -160,7 +168,7 @@ def command(
     with Interrupts() as interrupts, _alone(folder):
         attached = _Attached(wanted, interrupts)
         try:
-            attached.run()
+            attached.run_detached() if detach else attached.run()
         except Interrupted as interrupted:
             click.echo("ended: all that was started is gone", err=True)
             return 0 if attached.watches else 128 + interrupted.number
@@ -206,6 +214,37 @@ class _Attached:
             self.watches = True
             asyncio.run(self._watch(stage, url, found, heard, agent))
 
+    def run_detached(self) -> None:
+        """Find, listen, write; what watches from then on runs as units of the user's systemd.
+
+        Raises:
+            BackendError: systemd does not start it.
+        """
+        wanted, folder = self.wanted, self.wanted.folder.resolve()
+        service, agent = detached.names(wanted.name)
+        port = 0
+        if wanted.url is None:
+            port = _known_port(folder) if detached.runs(service) else _free_port(folder)
+            port = port or _any_port()
+        _, heard = asyncio.run(self._listen())
+        url = wanted.url or f"http://127.0.0.1:{port}"
+        self._written = _write(wanted, heard, url)
+        said = {name: os.environ[name] for name in VARIABLES if os.environ.get(name)}
+        if wanted.key:
+            secret = folder / "agent.env"
+            secret.touch(mode=0o600)
+            secret.write_text(f"ROBOMEND_KEY={wanted.key}\n", "utf-8")
+        if wanted.url is None:
+            serve = ["robomend", "serve", "--port", str(port), "--data", str(folder / "data")]
+            detached.start(service, detached.unit_text(wanted.name, folder, serve, {}))
+        self._put(url)
+        watch = ["robomend_client.agent.main", str(folder / "agent.yaml")]
+        detached.start(agent, detached.unit_text(wanted.name, folder, watch, said))
+        units = agent if wanted.url is not None else f"{service} {agent}"
+        click.echo(f"the page: {url}/ui/robots/{wanted.name}")
+        click.echo(f"It only observes, and goes on. It ends with: systemctl --user disable --now {units}")
+        self.watches = True
+
     def _start_agent(self, stage: Stage) -> Any:
         from robomend.cli.stage import python
 
@@ -213,6 +252,17 @@ class _Attached:
         return stage.start("agent", python("robomend_client.agent.main", str(file)))
 
     def _put(self, url: str) -> None:
+        """Tell the service of the robot, again while a busy computer does not let it answer."""
+        began_s = time.monotonic()
+        while True:
+            self._interrupts.check()
+            try:
+                return self._put_once(url)
+            except BackendError:
+                if time.monotonic() - began_s > SERVICE_S:
+                    raise
+
+    def _put_once(self, url: str) -> None:
         """Tell the service of the robot, as the files say: a new version of what it has already."""
         from robomend.cli.init.described import model_file
         from robomend.cli.remote.connection import asking
@@ -545,22 +595,36 @@ def _url(wanted: Wanted) -> str:
     return wanted.url or f"http://127.0.0.1:{DEFAULT_PORT}"
 
 
+def _known_port(folder: Path) -> int:
+    """Return the port of this computer that the folder's agent knows, else 0."""
+    file = folder / "agent.yaml"
+    known = re.search(r"127\.0\.0\.1:(\d+)", file.read_text("utf-8")) if file.exists() else None
+    return int(known[1]) if known else 0
+
+
+def _any_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 def _free_port(folder: Path) -> int:
     """Return the port that the folder's agent knows, else the usual one, else 0: any that is free.
 
     Raises:
         InputError: the folder's is taken.
     """
-    file = folder / "agent.yaml"
-    known = re.search(r"127\.0\.0\.1:(\d+)", file.read_text("utf-8")) if file.exists() else None
-    port = int(known[1]) if known else DEFAULT_PORT
+    known = _known_port(folder)
+    port = known or DEFAULT_PORT
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
         except OSError as error:
             if known:
-                why = f"port {port}, which {file} names, is taken: another service runs there"
+                why = (
+                    f"port {port}, which {folder / 'agent.yaml'} names, is taken: another service runs there"
+                )
                 raise InputError(f"{why}; --url http://127.0.0.1:{port} uses it") from error
             return 0
     return port

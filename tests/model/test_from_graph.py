@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
+from robomend.model.checking import check
 from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady
 from robomend.model.loading import load_text
-from robomend_client.literals import fails
+from robomend.model.system import System
+from robomend_client.literals import Literal, fails, holds
 from robomend_client.observers.rate import Rate
 from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, lasting_name
 
@@ -250,6 +252,24 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     files_of(Described("rover", heard=found, origin=found.origin))
 
 
+def test_what_no_longer_reaches_its_listeners_is_its_publishers_fault_and_not_theirs() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/base": (["/odom"], []),
+        "/ekf": (["/filtered"], ["/odom"]),
+        "/recorder": ([], ["/filtered"]),
+    }
+    topics = {"/odom": came(30), "/filtered": came(30)}
+    made = first_model(heard(topics, nodes, origin={"ros2": {"domain": 7}}), "rover")
+    system = load_text(made.text)
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), fails("ok", "qos_odom")]
+    found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
+    assert [one.bad for one in found] == [("base",)]
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), holds("ok", "qos_odom")]
+    found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
+    assert [one.bad for one in found] == [("ekf",)]
+    assert check(system) == ()
+
+
 def test_what_may_have_been_broken_is_asked() -> None:
     types = {"/scan": "sensor_msgs/LaserScan", "/goal": "geometry_msgs/PoseStamped"}
     topics = {"/odom": came(10, seconds=20)}
@@ -311,3 +331,95 @@ def test_remedies_that_nodes_offer_stand_commented_out_and_hold_once_they_do_not
     assert str(remedy) == "bring_up_hector_mapping(hector_mapping)"
     assert "# actions:" in agent
     assert "#  bring_up_hector_mapping: {kind: lifecycle" in agent
+
+
+ROVER = """
+robomend: 1
+name: rover
+nodes:
+  lidar_driver: {publishes: {scan: []}}
+  camera: {publishes: {image: []}}
+  imu_driver: {publishes: {imu: []}}
+  base_driver: {publishes: {odom: [], battery: []}}
+  map_server: {publishes: {map: []}}
+  ekf: {publishes: {filtered: [odom, imu]}}
+  amcl: {publishes: {pose: [filtered, scan]}}
+  planner: {publishes: {plan: [pose]}}
+  controller: {publishes: {cmd_raw: [plan]}}
+  smoother: {publishes: {cmd_smooth: [cmd_raw]}}
+  detector: {publishes: {objects: [image]}}
+  mission: {publishes: {state: []}}
+topics: {map: {latched: true, silent: true}}
+properties: {lidar_driver_scan: {}}
+rules: ["not ab(lidar_driver) -> ok(lidar_driver_scan)"]
+"""
+"""As its builder would write it: the mission goes on without the detector, to which it listens."""
+
+LISTENS = {
+    "ekf": ["/odom", "/imu"],
+    "amcl": ["/filtered", "/scan", "/map"],
+    "planner": ["/pose", "/map"],
+    "controller": ["/plan"],
+    "smoother": ["/cmd_raw"],
+    "detector": ["/image"],
+    "mission": ["/objects"],
+    "base_driver": ["/cmd_vel"],
+}
+RATES = {
+    "scan": 10,
+    "image": 15,
+    "imu": 50,
+    "odom": 30,
+    "battery": 1,
+    "filtered": 30,
+    "pose": 30,
+    "plan": 30,
+    "cmd_raw": 30,
+    "cmd_smooth": 30,
+    "objects": 15,
+    "state": 2,
+}
+
+
+def test_what_was_heard_for_a_minute_diagnoses_as_the_model_by_hand() -> None:
+    by_hand = load_text(ROVER)
+    assert by_hand.parts is not None
+    nodes = by_hand.parts.nodes
+    topics = {f"/{topic}": came(rate) for topic, rate in RATES.items()}
+    topics["/map"] = came(1 / 60, latched=True)
+    of_nodes = {
+        f"/{name}": ([f"/{topic}" for topic in node.publishes], LISTENS.get(name, []))
+        for name, node in nodes.items()
+    }
+    status = HeardStatus(frozenset({0}), frozenset({"/lidar_driver"}), came(1))
+    statuses = {"lidar_driver: scan": status}
+    found = heard(topics, of_nodes, origin={"ros2": {"domain": 7}}, statuses=statuses)
+    first = first_model(found, "rover")
+    draft = load_text(first.text)
+    meets = [holds("ok", name) for name, keys in first.signs.items() if keys["kind"] == "qos"]
+
+    def seen(*faults: str) -> list[Literal]:
+        """Return what is observed once faults have settled: `kill X`, `mute TOPIC`, `status`."""
+        ended = {fault.partition(" ")[2] for fault in faults if fault.startswith("kill")}
+        silent = {fault.partition(" ")[2] for fault in faults if fault.startswith("mute")}
+        silent |= {topic for name in ended for topic in nodes[name].publishes}
+        for _ in nodes:  # as far as any chain goes
+            for node in nodes.values():
+                silent |= {topic for topic, inputs in node.publishes.items() if silent & set(inputs)}
+        found = [fails("running", name) if name in ended else holds("running", name) for name in nodes]
+        found += [fails("ok", topic) if topic in silent else holds("ok", topic) for topic in RATES]
+        bad_status = "status" in faults or "lidar_driver" in ended
+        return [*found, fails("ok", "lidar_driver_scan") if bad_status else holds("ok", "lidar_driver_scan")]
+
+    single = [*(f"kill {name}" for name in nodes), *(f"mute {topic}" for topic in RATES), "status"]
+    pairs = list(zip(single, single[7:] + single[:7], strict=True))
+    every = [*((one,) for one in single), *pairs][:40]
+    assert len(set(every)) == 40
+
+    def told(system: System, *observed: Literal) -> set[frozenset[str]]:
+        return {frozenset(one.bad) for one in make_engine("sat", system.cnf).diagnose(observed).diagnoses}
+
+    right = {faults: told(by_hand, *seen(*faults)) for faults in every}
+    assert frozenset() not in set().union(*right.values())
+    same = [faults for faults in every if told(draft, *seen(*faults), *meets) == right[faults]]
+    assert len(same) >= 0.95 * len(every), set(every) - set(same)

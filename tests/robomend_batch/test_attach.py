@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -17,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
+from tests.node_process import NodeProcess
 from tests.robomend_demo.playing import children
 from tests.ros1 import Robot as Ros1Robot
 from tests.ros1 import robot as ros1_robot
@@ -151,6 +155,62 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
 
 
+@pytest.mark.timeout(600)
+def test_what_nodes_show_beside_their_topics_is_put_to_them_too(tmp_path: Path) -> None:
+    imu = {"topic": "/imu", "type": "sensor_msgs/Imu", "rate": 10}
+    moves = {"moves": "linear_acceleration.z"}
+    odom = {"topic": "/odom", "type": "std_msgs/String", "rate": 10}
+
+    def start(ros: Ros2Robot) -> None:
+        ros.node("imu_driver").do("publish", **imu, **moves)
+        ros.node("base_driver").do("publish", **odom)
+        odometry = ros.node("odometry")
+        odometry.do("relay", topic="/odom", to="/filtered", type="std_msgs/String")
+        odometry.do("lifecycle", name="costmap")
+        odometry.do("move", name="costmap", transition="configure")
+        odometry.do("move", name="costmap", transition="activate")
+        ros.node("navigator").do("serve", name="/navigate")
+
+    def again(node: NodeProcess, **line: Any) -> None:
+        node.do("unpublish", topic=line["topic"])
+        node.do("publish", **line)
+
+    with ros2_robot(tmp_path) as ros:
+        start(ros)
+        client = ros.node("operator")
+        with attached(tmp_path, ros.environment, *README) as attach:
+            attach.until_said(r"\bhealthy$")
+            faults: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
+                "imu_driver": (
+                    lambda: again(ros.nodes["imu_driver"], **imu),  # its value stands still
+                    lambda: again(ros.nodes["imu_driver"], **imu, **moves),
+                ),
+                "base_driver": (
+                    lambda: again(ros.nodes["base_driver"], **odom, reliable=False),
+                    lambda: again(ros.nodes["base_driver"], **odom),
+                ),
+                "costmap": (
+                    lambda: ros.nodes["odometry"].do("move", name="costmap", transition="deactivate"),
+                    lambda: ros.nodes["odometry"].do("move", name="costmap", transition="activate"),
+                ),
+                "navigator": (
+                    lambda: client.do("act", name="/navigate", order=13),  # aborted
+                    lambda: client.do("act", name="/navigate", order=1),
+                ),
+            }
+            for node, (plant, undo) in faults.items():
+                plant()
+                attach.until_said(rf"unhealthy: {node}$")
+                undo()
+                until(lambda: re.search(r"\) healthy\n\Z", attach.said), f"{node}: {attach.said}", MOST_S)
+            for one in list(ros.nodes.values()):
+                one.close()
+            attach.until_said(r"unhealthy: .*imu_driver.*")
+            start(ros)
+            ros.node("operator")
+            until(lambda: re.search(r"\) healthy\n\Z", attach.said), attach.said, MOST_S)
+
+
 @pytest.mark.timeout(400)
 def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path) -> None:
     kind = "std_msgs/String"
@@ -177,6 +237,94 @@ def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path
     text = (tmp_path / "rover" / "rover.yaml").read_text()
     assert "\n  late:" in text
     assert "\n  later: {rate_hz:" in text
+
+
+SYSTEMCTL = """#!{python}
+import os, pathlib, re, shlex, subprocess, sys
+home = pathlib.Path(os.environ["XDG_CONFIG_HOME"])
+with (home / "asked").open("a") as asked:
+    print(*sys.argv[2:], file=asked)
+if sys.argv[2] == "restart":
+    text = (home / "systemd" / "user" / sys.argv[3]).read_text()
+    text = text.replace("%%", "%").replace("$$", "$")
+    [command] = re.findall("^ExecStart=(.*)$", text, re.M)
+    said = dict(shlex.split(one)[0].split("=", 1) for one in re.findall("^Environment=(.*)$", text, re.M))
+    [folder] = re.findall("^WorkingDirectory=(.*)$", text, re.M)
+    own = {{name: value for name, value in os.environ.items() if not name.startswith("ROS_")}}
+    with (home / (sys.argv[3] + ".log")).open("w") as log:
+        around = dict(cwd=folder, env={{**own, **said}}, stdout=log, stderr=log)
+        child = subprocess.Popen(shlex.split(command), **around)
+    with (home / "started").open("a") as started:
+        print(child.pid, file=started)
+sys.exit(sys.argv[2] == "is-active")
+"""
+"""It starts what a unit says, in the environment that the unit says, and ends nothing."""
+
+
+@pytest.mark.timeout(400)
+def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
+    home, programs = tmp_path / "config $HOME", tmp_path / "bin"
+    home.mkdir()
+    programs.mkdir()
+    (programs / "systemctl").write_text(SYSTEMCTL.format(python=sys.executable))
+    (programs / "systemctl").chmod(0o755)
+    with ros2_robot(tmp_path) as ros:
+        rover2(ros)
+        path = f"{programs}:{ros.environment['PATH']}"
+        around = {**ros.environment, "PATH": path, "XDG_CONFIG_HOME": str(home)}
+        try:
+            with attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach:
+                page = attach.until_said("^the page: ").removeprefix("the page: ")
+                attach.until_said("It ends with: systemctl --user disable --now robomend-rover")
+                assert attach.process.wait(MOST_S) == 0
+            url, _, robot = page.partition("/ui/robots/")
+
+            def healthy() -> bool:
+                return bool(httpx.get(f"{url}/api/v1/robots/{robot}").json()["state"] == "healthy")
+
+            until(healthy, "it is healthy", MOST_S)
+            units = sorted((home / "systemd" / "user").iterdir())
+            assert [unit.name for unit in units] == [
+                f"robomend-{robot}-agent.service",
+                f"robomend-{robot}.service",
+            ]
+            checker = shutil.which("systemd-analyze")
+            if checker is not None:
+                done = subprocess.run(
+                    [checker, "verify", "--user", *map(str, units)],
+                    check=False,
+                    capture_output=True,
+                    text=True,
+                )
+                told = [line for line in done.stderr.splitlines() if "robomend-" in line]
+                assert not told, done.stderr
+        finally:
+            started = (home / "started").read_text().split()
+            for pid in started:
+                os.kill(int(pid), signal.SIGTERM)
+            until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
+
+
+@pytest.mark.timeout(600)
+def test_it_ends_with_all_that_it_started_at_whatever_moment(tmp_path: Path) -> None:
+    with ros2_robot(tmp_path) as ros:
+        lidar = ros.node("lidar_driver")
+        for number, (moment, code) in enumerate(
+            {
+                "^looking for": 130,
+                "^listening, ": 130,
+                "^wrote .*agent.yaml": 130,
+                "^the page: ": 0,
+                r"\) unknown$|\) .*healthy$": 0,
+            }.items()
+        ):
+            if number == 1:
+                lidar.do("publish", topic="/scan", type="std_msgs/String", rate=10)
+            with attached(tmp_path, ros.environment, *README, f"robot{number}") as attach:
+                attach.until_said(moment)
+                assert attach.end() in (code, 0), attach.said
+                assert "ended: all that was started is gone" in attach.said
+                assert "Traceback" not in attach.said
 
 
 def test_files_that_are_there_are_shown_and_not_overwritten(
@@ -232,6 +380,8 @@ def recording(file: Path, rate_hz: int) -> None:
         (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
         (["--ros1", "http://127.0.0.1:1/"], 2, "no robot was found. the master at http://127.0.0.1:1/"),
         (["--name", "a b"], 2, "'a b' is no robot's name"),
+        (["--detach"], 2, "--detach needs systemd"),
+        (["--detach", "--bag", "."], 2, "--bag starts nothing that --detach could leave running"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(
@@ -244,6 +394,7 @@ def test_what_cannot_be_is_said(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ROS_HOSTNAME", "127.0.0.1")
+    monkeypatch.setenv("PATH", str(tmp_path))
     assert run(["attach", *arguments]) == code
     told = capsys.readouterr().err
     assert why in told

@@ -273,9 +273,12 @@ class _Draft:
         self.gone = gone
         self.rests_on = {topic: self._inputs(node, topic) for topic, node in self.topics.items()}
         self._wait_for_causes()
+        self.meetings: dict[str, str] = {}  # topic -> what says that it reaches those who listen
 
     def made(self) -> FirstModel:
         heard = self.heard
+        statuses, blamed = self._statuses()
+        signs = self._signs(blamed)
         lines = [f"# A first model of {comment(self.name)}, from {comment(heard.source)}."]
         if self.listened:
             lines += [
@@ -296,12 +299,13 @@ class _Draft:
             *self._nodes(),
             *self._rates(),
         ]
-        statuses, blamed = self._statuses()
-        signs = self._signs(blamed)
         if blamed:
-            lines += ["", "properties:                   # what nodes say of themselves"]
-            lines += [f"  {word(name)}: {{}}    # {comment(status)}" for name, status in statuses.items()]
-            lines += [f"  {word(name)}: {{}}    # {SIGNS[str(keys['kind'])]}" for name, keys in signs.items()]
+            said = {name: comment(status) for name, status in statuses.items()}
+            own = signs.keys() - self.meetings.values()
+            said |= {name: SIGNS[str(keys["kind"])] for name, keys in signs.items() if name in own}
+            if said:
+                lines += ["", "properties:                   # what nodes say of themselves"]
+                lines += [f"  {word(name)}: {{}}    # {why}" for name, why in said.items()]
             lines += ["", "rules:"]
             rules = (f"not ab({word(node)}) -> {holds('ok', name)}" for name, node in blamed.items())
             lines += [f"  - {_quoted(rule)}" for rule in rules]
@@ -413,7 +417,8 @@ class _Draft:
             yield "    publishes:"
             for topic in outputs:
                 kind = self.graph.types.get(topic)
-                named = ", ".join(map(word, rests_on[topic]))
+                needed = [*rests_on[topic], *(self.meetings.get(one, "") for one in rests_on[topic])]
+                named = ", ".join(word(one) for one in needed if one)
                 yield f"      {word(topic)}: [{named}]" + (f"    # {comment(kind)}" if kind else "")
 
     def _rates(self) -> list[str]:
@@ -429,6 +434,7 @@ class _Draft:
                     lines.append(f"  {word(topic)}: {{latched: true, silent: true}}    # {self._said(topic)}")
                 else:
                     lines.append(f"  {word(topic)}: {{silent: true}}    # {self._said(topic)}")
+            lines += [f"  {word(one)}: {{}}    # {SIGNS['qos']}" for one in self.meetings.values()]
             return ["", "topics:", *lines] if lines else []
         if rated := [topic for topic in topics if topic in rates]:
             lines = ["", "topics:                       # rates as they were there"]
@@ -470,11 +476,12 @@ class _Draft:
         taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)} | blamed.keys()
         found: dict[str, dict[str, str | float]] = {}
 
-        def sign(kind: str, name: str, of: str, **keys: str | float) -> None:
+        def sign(kind: str, name: str, of: str, **keys: str | float) -> str:
             called = slug(f"{kind}_{name}", taken)
             taken.add(called)
             found[called] = {"kind": kind, **keys}
             blamed[called] = of.removeprefix("/")
+            return called
 
         for action, node in sorted(self.heard.actions.items()):
             if node in self.nodes:
@@ -493,7 +500,9 @@ class _Draft:
             broken = " ".join(self.heard.remarks)
             for topic in self.steady:
                 if self.graph.subscribers.get(topic) and topic.removeprefix("/") not in broken:
-                    sign("qos", topic, self.topics[topic], topic=topic.removeprefix("/"))
+                    named = sign("qos", topic, self.topics[topic], topic=topic.removeprefix("/"))
+                    if any(topic in inputs for inputs in self.rests_on.values()):
+                        self.meetings[topic] = named
         return found
 
     def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
