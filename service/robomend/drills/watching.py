@@ -145,7 +145,7 @@ class Watching:
             "needless": [
                 one["text"]
                 for one in sent
-                if not is_meant(mends.get(one["text"], one["parameters"]), meant, parts.components)
+                if not is_meant(mends.get(one["text"]) or one["parameters"], meant, parts.components)
             ],
         }
 
