@@ -39,6 +39,9 @@ class Told:
     conflicts: tuple[Names, ...] | None  # the minimal ones; None: they are not known
     complete: bool
     stopped_by: str | None
+    smallest_proved: bool = True  # of a search that was stopped: it has found the smallest diagnoses
+    size_at_least: int | None = None  # of the smallest diagnosis; None: there is none, or it is not known
+    size_at_most: int | None = None
 
 
 NOTHING = Told("unknown", None, None, (), True, None)
@@ -162,6 +165,9 @@ def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:
         conflicts,
         answer.complete,
         answer.stopped_by,
+        answer.smallest_proved,
+        answer.size_at_least,
+        answer.size_at_most,
     )
 
 

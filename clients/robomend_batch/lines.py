@@ -25,7 +25,8 @@ SLICE = 2048
 TAILS = 1 << 15
 """Lines whose different ends are made together."""
 
-BEFORE, AFTER = ("state", "bad", "probability", "conflicts"), ("complete", "stopped_by")
+BEFORE = ("state", "bad", "probability", "conflicts")
+AFTER = ("complete", "stopped_by", "smallest_proved", "size_at_least", "size_at_most")
 """Columns before and behind the observations."""
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from robomend.diagnosis.library import SENSORS_A_WORD, Codes
 from robomend_batch.answers import Answers, Told, widened
-from robomend_batch.lines import lines
+from robomend_batch.lines import AFTER, BEFORE, lines
 from robomend_batch.track import Stretch, Times
 from robomend_client.literals import Atom
 
@@ -58,6 +58,9 @@ PIECE = ".ndjson"
 
 SCHEMA_VERSION = 1
 
+COLUMNS = 2
+"""Counts up when a column joins: parts of one folder have the same ones."""
+
 
 def schema() -> pl.Schema:
     """Return the columns of the results; docs/batch.md says what they mean."""
@@ -77,6 +80,9 @@ def schema() -> pl.Schema:
             "observations": names,
             "complete": pl.Boolean(),
             "stopped_by": pl.String(),
+            "smallest_proved": pl.Boolean(),
+            "size_at_least": pl.Int32(),
+            "size_at_most": pl.Int32(),
         }
     )
 
@@ -190,7 +196,7 @@ class Parts:
         columns = schema()
         used, of = np.unique(numbers, return_inverse=True)
         told = [different[number] for number in used.tolist()]
-        fields = ("state", "bad", "probability", "conflicts", "complete", "stopped_by")
+        fields = (*BEFORE, *AFTER)
         components = pl.Enum(self._answers.components)
         answers = pl.DataFrame(
             [

@@ -17,7 +17,7 @@ from robomend_batch.joined import Joined
 from robomend_batch.manifest import alone_in, keep_parts, open_manifest, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
-from robomend_batch.parts import WRITTEN, schema
+from robomend_batch.parts import COLUMNS, WRITTEN, schema
 from robomend_batch.pool import Share, in_this_process, in_workers
 from robomend_batch.progress import Progress
 from robomend_batch.starting import Started
@@ -61,6 +61,7 @@ def settings_of(setup: Setup) -> dict[str, Any]:
         "unknown": setup.unknown,
         "observers": digest(setup.observers),
         "time": "header" if setup.by_header else "log",
+        "columns": COLUMNS,
         **({} if setup.together_s is None else {"together": str(setup.together_s)}),
         **({} if setup.log_timeout_s is None else {"log_timeout": str(setup.log_timeout_s)}),
     }

@@ -164,3 +164,13 @@ def test_too_little_voltage_takes_all_devices_of_the_board_which_the_model_blame
     low = plan(free, board=DrilledBoard(emulated=True))["board-brown-out"]
     assert shows(low) == {"not ok(image)", "not ok(objects)"}
     assert (low.refused, low.promise) == (None, "missed")
+
+
+def test_a_fault_names_the_remedies_of_the_model_that_mend_what_is_at_fault() -> None:
+    text = (
+        ROBOT + 'remedies: {reset: {mends: detector}, "set_mode(low)": {mends: [detector, camera_driver]}}\n'
+    )
+    found = plan(text)
+    assert found["node-frozen:detector"].remedies == ("reset(detector)", "set_mode(low)")
+    assert found["node-killed:camera_driver"].remedies == ("set_mode(low)",)
+    assert found["device-off:camera"].remedies == ()

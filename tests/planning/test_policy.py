@@ -24,6 +24,7 @@ SHUTDOWN = step("shutdown", "lidar", effects=(holds("off", "lidar"), fails("on",
 STOP = step("stop_node", "driver")
 OWN = step("swap", "lidar", "lidar_b", effects=(holds("off", "lidar"), holds("good", "lidar_b")))
 RESET = step("reset_usb", "usb1")
+MODE = step("set_mode", "low", effects=(holds("good", "driver"), fails("bad", "driver")))  # names nobody
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,9 @@ def test_a_step_is_refused_for_a_reason_that_names_it(policy: Policy, taken: Ste
         ({"lidar": 2}, [SHUTDOWN, POWER_UP], "power_up(lidar)"),  # never left off half-way
         ({"usb1": 100}, [RESET], None),  # no component of the model
         ({"lidar_b": 3}, [OWN], "swap(lidar, lidar_b)"),
+        ({"driver": 2}, [MODE], None),
+        ({"driver": 3}, [MODE], "set_mode(low)"),
+        ({"driver": 2}, [STOP, MODE], "set_mode(low)"),
     ],
 )
 def test_the_limit_holds_for_a_plan_as_a_whole(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -178,3 +179,23 @@ async def test_what_the_allow_list_lacks_or_the_policy_forbids_is_not_asked_for(
             await runtime.robots.put_robot(
                 "r2", {**CONFIG, "model": "mended", "allow": ["cleer"]}, expected=None, by="test"
             )
+
+
+async def test_one_that_names_no_component_counts_for_what_it_mends(tmp_path: Path) -> None:
+    limits = {"attempts_per_hour": 1, "rounds": 6}
+    remedies = '  "clear(all)": {mends: [mapping]}'
+    async with (
+        service(tmp_path) as runtime,
+        mapping_robot(runtime, remedies, limits=limits, actions={"clear": QUICK}) as robot,
+    ):
+        robot.broken_topics.add("map")
+        first = await the_repair(runtime)
+        assert first["state"] == "repaired"
+        await robot.settled()
+        robot.broken_topics.add("map")
+        async with asyncio.timeout(60):
+            while (repair := await the_repair(runtime))["id"] == first["id"]:
+                await asyncio.sleep(0.05)  # until the next look
+    assert repair["state"] == "escalated"
+    assert robot.done == ["clear(all)"]
+    assert "more than 1 actions on mapping within an hour, the limit" in repair["reason"]

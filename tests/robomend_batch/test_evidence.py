@@ -194,3 +194,83 @@ def test_usual_traffic_in_a_recording_is_no_fault(recorder: tuple[str, Recorder]
     assert log["readings"] == []
     assert "faulty" not in log["intervals"]
     assert log["intervals"]["healthy"] >= 1
+
+
+MEETING = """
+robomend: 1
+name: rover
+nodes: {base: {publishes: {odom: []}}}
+properties: {publishers: {}, qos: {}}
+rules: ["not ab(base) -> ok(publishers,odom) and ok(qos,odom)"]
+"""
+
+
+def met(file: Path, *callers: str) -> Path:
+    """Write 60 s of odometry by the first of these, and from 45 s on by the last; where there are three, the
+    second joins from 20 to 30 s.
+    """
+    with Writer1(file) as writer:
+        made = {
+            name: writer.add_connection("/odom", "std_msgs/msg/String", typestore=ROS1, callerid=name or None)
+            for name in dict.fromkeys(callers)
+        }
+        of = [made[name] for name in callers]
+        body = ROS1.serialize_ros1(ROS1.types["std_msgs/msg/String"]("x"), "std_msgs/msg/String")
+        for n in range(600):
+            at_ns = EPOCH_NS + n * SECOND // 10
+            writer.write(of[0 if n < 450 else -1], at_ns, body)
+            if len(of) > 2 and 200 <= n < 300 and n % 2:
+                writer.write(of[1], at_ns + 1, body)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("callers", "bad"),
+    [
+        (("/base", "/ghost", "/base"), (21.1, 40.9)),
+        (("/base_12_1700000000000", "/base_77_1700000099999"), None),
+        (("/base",), None),
+    ],
+)
+def test_a_bag_of_ros_1_says_who_publishes(
+    callers: tuple[str, ...], bad: tuple[float, float] | None, tmp_path: Path
+) -> None:
+    (tmp_path / "rover.yaml").write_text(MEETING)
+    (tmp_path / "agent.yaml").write_text('observers: {"ok(publishers,odom)": {kind: publishers}}\n')
+    given = met(tmp_path / "a.bag", *callers), "--observers", tmp_path / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover.yaml") == 0
+    begin = EPOCH_NS / SECOND
+    faulty = [
+        (start - begin, end - begin) for start, end, state, _ in spans(tmp_path / "out") if state == "faulty"
+    ]
+    (log,) = logs(tmp_path / "out")
+    if bad is None:
+        assert (faulty, log["readings"]) == ([], [])
+        assert log["span_ns"]["healthy"] > 55 * SECOND
+    else:
+        ((start, end),) = faulty
+        assert abs(start - bad[0]) < 0.2
+        assert abs(end - bad[1]) < 1.5
+        assert log["readings"][0]["reading"] == "2 publishers: /base, /ghost, at most 1"
+
+
+def test_what_no_recording_says_of_the_graph_is_unknown_and_said(tmp_path: Path) -> None:
+    (tmp_path / "rover.yaml").write_text(MEETING)
+    (tmp_path / "agent.yaml").write_text(
+        'observers: {"ok(publishers,odom)": {kind: publishers}, "ok(qos,odom)": {kind: qos}}\n'
+        "topics: {odom: {rate_hz: 10, tolerance_hz: 3}}\n"
+    )
+    record = Recorder(ROS2, True)
+    for n in range(100):
+        record(n / 10, "/odom", "std_msgs/msg/String", data="x")
+    for log in (met(tmp_path / "a.bag", ""), record.write(tmp_path / "a.mcap")):
+        out = tmp_path / f"out-{log.suffix}"
+        given = log, "--observers", tmp_path / "agent.yaml"
+        assert batch_run(out, *given, model=tmp_path / "rover.yaml") == 0
+        (told,) = logs(out)
+        assert {one["place"].removeprefix(f"{log}: "): one["reason"] for one in told["problems"]} == {
+            "ok(publishers,odom)": "this recording does not say who publishes it; those of ROS 1 do: "
+            "it is unknown",
+            "ok(qos,odom)": "no recording has the qualities of service of who listens: it is unknown",
+        }
+        assert told["state"] == "ok"

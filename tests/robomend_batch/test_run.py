@@ -173,6 +173,38 @@ def test_each_row_is_told_what_an_engine_says_of_it(tmp_path: Path) -> None:
                 assert needed <= set(one["observations"]) <= set(seen)
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ((), (True, None, True, 1, 1)),
+        (("--limit", "1"), (False, "limit", True, 1, 1)),
+        (("--max-size", "0"), (False, "size", False, 1, None)),
+        (("--minimal", "cardinality"), (True, None, True, 1, 1)),
+        (("--together", "log", "--limit", "1"), (False, "limit", True, 1, 1)),
+    ],
+)
+def test_a_search_that_was_stopped_says_what_it_knows_as_the_service_does(
+    given: tuple[str, ...], told: tuple[object, ...], tmp_path: Path
+) -> None:
+    log = ndjson(tmp_path / "a.ndjson", (0, "not ok(odom)"), (1, "not ok(odom)"))
+    assert batch_run(tmp_path / "out", log, *given) == 0
+    (one,) = intervals(tmp_path / "out")
+    keys = ("complete", "stopped_by", "smallest_proved", "size_at_least", "size_at_most")
+    assert tuple(one[key] for key in keys) == told
+    options = {given[n].strip("-").replace("-", "_"): given[n + 1] for n in range(0, len(given), 2)}
+    if "together" in options:
+        return
+    asked = Options(
+        minimal="cardinality" if "minimal" in options else "subset",
+        limit=int(options.get("limit", 100)),
+        max_size=int(options["max_size"]) if "max_size" in options else None,
+    )
+    system = load_model(TEDUSAR)
+    with WarmModel(system, options=asked) as model:
+        answer = model.ask(question(["not ok(odom)"], system.vocabulary)).result
+    assert tuple(getattr(answer, key) for key in keys) == told
+
+
 def test_the_files_have_the_columns_that_the_page_describes(tmp_path: Path) -> None:
     assert batch_run(tmp_path / "out", ndjson(tmp_path / "a.ndjson", *DRIVE)) == 0
     (part,) = (tmp_path / "out" / "results").iterdir()

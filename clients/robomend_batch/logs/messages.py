@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +36,17 @@ from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
 from robomend_client.bridges.fields import MissingField
 from robomend_client.literals import Atom, Literal
+from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.problems import ObserverProblem
+from robomend_client.ros_graph import lasting_name
 
 TOGETHER = 1 << 16
+
+OF_LATE_NS = 10 * SECOND
+"""So long after its last message a node still publishes a topic."""
 
 
 def read_messages(open_recording: Callable[[Path], Recording], path: Path, opened: Opened) -> Blocks:
@@ -73,6 +78,7 @@ class _Reading:
     changes: Changes
     latest_ns: int
     place: Any = None  # of the recording
+    callers: Callers = field(default_factory=lambda: Callers())
     hole: bool = False  # nothing is known of what came up to …
     hole_ns: int = 0  # … and to the next message
 
@@ -138,6 +144,10 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 changed = driver.sample(source, time_ns, value)
                 if changed or restarts.at_ns is not None:
                     yield from changes.take(changed, restarts.take())
+            if number in wants.publishers and driver.now_ns == time_ns:  # else the stamp is far off
+                source, node = wants.publishers[number]
+                if (nodes := reading.callers.heard(source, node, time_ns)) is not None:
+                    yield from changes.take(driver.publishers(source, nodes, time_ns), restarts.take())
         reading.latest_ns = latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
         reading.place = place
         _tell(recording, path, opened.problems)
@@ -153,6 +163,24 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
         yield from changes.take(changed, restarts.take())
     yield from changes.rest()
     yield Block("", Advance(end_ns))
+
+
+class Callers:
+    """Which nodes publish a topic, by whose messages came of late."""
+
+    def __init__(self) -> None:
+        self._heard: dict[str, dict[str, int]] = {}
+        self._told: dict[str, list[str]] = {}
+
+    def heard(self, source: str, node: str, time_ns: int) -> list[str] | None:
+        """Take in that a message came; return all who publish it where they are others than before."""
+        heard = self._heard.setdefault(source, {})
+        heard[lasting_name(node)] = time_ns
+        nodes = sorted(name for name, at_ns in heard.items() if abs(time_ns - at_ns) < OF_LATE_NS)
+        if self._told.get(source) == nodes:
+            return None
+        self._told[source] = nodes
+        return nodes
 
 
 def _over_hole(reading: _Reading, message: Message, by_header: bool) -> Blocks:

@@ -61,9 +61,13 @@ class Wants:
             self._topic_of[channel.number] = channel.topic
         self._types: dict[str, Any] = {}
         self._columns: dict[tuple[int, str], Column] = {}
+        self.publishers: dict[int, tuple[str, str]] = {}
+        """Channel -> source and node, of topics of which somebody asks who publishes them."""
         found: dict[str, list[tuple[int, Want]] | None] = {}
         self.specs = []
         for spec in specs:
+            if not self._is_recorded(spec):
+                continue
             for source in sorted(spec.sources):
                 if source not in found:
                     found[source] = self._source(source)
@@ -75,6 +79,22 @@ class Wants:
                 self.channels[number] = self.channels.get(number, False) or want[1] is not None
         if by_header:
             self._by_header()
+
+    def _is_recorded(self, spec: ObserverSpec) -> bool:
+        """Return whether a recording can have what an observer of the robot's graph asks for; say why not."""
+        if spec.kind == "qos":
+            reason = "no recording has the qualities of service of who listens"
+        elif spec.kind == "publishers":
+            of = {source: self._channels(source, source) or () for source in spec.sources}
+            named = {one.number: (source, one.publisher) for source in of for one in of[source]}
+            if all(node for _, node in named.values()):  # a topic that is not there is told as any other
+                self.publishers.update(named)
+                return True
+            reason = "this recording does not say who publishes it; those of ROS 1 do"
+        else:
+            return True
+        self._problems.add(f"{self._path}: {spec.name}", f"{reason}: it is unknown", bad=False)
+        return False
 
     def stamp(self, message: Message) -> int:
         """Return the time in a message's header; when it was recorded, if it has none."""
@@ -91,6 +111,8 @@ class Wants:
     def taken(self, stretch: Chunk, driver: Driver) -> bool:
         """Return whether a driver takes in a stretch at once; else nothing of it was taken in."""
         samples: dict[str, tuple[Any, Callable[[], Any] | None]] = {}
+        if not self.publishers.keys().isdisjoint(stretch.times_ns):
+            return False
         for number, times_ns in stretch.times_ns.items():
             for source, extract in self.of[number]:
                 column = self._columns.get((number, source))

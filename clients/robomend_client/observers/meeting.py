@@ -3,9 +3,10 @@
     publishers   ok(publishers,odom) while as many nodes publish it as should   2 publishers: /odom_a, /odom_b
     qos          ok(qos,scan) while all who publish and listen fit together
 
-The graph is told by a bridge (`from: ros1`, `ros2`, `zenoh`); a recording has none. It shows a node that has
-just begun or ended a little sooner or later than it is so: what it says must last for `wait_s`. Where one
-node has several publishers of a topic it counts once. Only DDS has qualities of service that do not fit.
+The graph is told by a bridge (`from: ros1`, `ros2`, `zenoh`). Of recordings only a bag of ROS 1 says who
+publishes: whose messages came of late. The graph shows a node that has just begun or ended a little sooner or
+later than it is so: what it says must last for `wait_s`. Where one node has several publishers of a topic it
+counts once. Only DDS has qualities of service that do not fit.
 """
 
 from __future__ import annotations

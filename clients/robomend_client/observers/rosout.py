@@ -34,6 +34,8 @@ USUAL = (
     "Received comm state*when in simple state*with SimpleActionClient",
     "on a goal handle that we're not tracking",
     "SimpleActionClient received DONE twice",
+    "Got a result when we were already in the DONE state",
+    "Invalid goal status transition from",
     "To transition to a cancelled state, the goal must be in a pending, recalling, active",
 )
 """What actionlib logs as ERROR where a goal is cancelled or replaced while its end is on the way."""

@@ -127,6 +127,7 @@ def fault_json(fault: PlantableFault, observers: Mapping[str, str] | None = None
         },
         "diagnoses": list(map(list, fault.diagnoses)),
         "promise": fault.promise,
+        "remedies": list(fault.remedies),
     }
 
 
@@ -140,6 +141,8 @@ def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFa
             shows = ", ".join(map(str, fault.shows)) or "nothing"
             click.echo(f"\n  {fault.name}: {fault.act}; undo: {fault.undo}")
             click.echo(f"      shows {shows}\n      {promised(fault)}")
+            if fault.remedies:
+                click.echo(f"      remedies of the model: {', '.join(fault.remedies)}")
     click.echo()
     for fault in faults:
         if fault.refused is not None:

@@ -583,8 +583,17 @@ class Library:
         factored: tuple[tuple[Factor, ...], ...] = (),
         count: int | None = None,
     ) -> DiagnosisResult:
+        at_most = min((len(one.bad) for one in diagnoses), default=None)
+        in_order = self._options.order == "size"  # so that the first one is the smallest
+        at_least = at_most if in_order or stopped is None else None
+        if at_most is None and stopped is not None:
+            size = self._options.max_size
+            at_least = size + 1 if stopped == "size" and size is not None else 0
         result = DiagnosisResult(
             components=self.cnf.components,
+            size_at_least=at_least,
+            size_at_most=at_most,
+            smallest_proved=stopped is None or (at_most is not None and in_order),
             diagnoses=diagnoses,
             complete=stopped is None,
             stopped_by=stopped,

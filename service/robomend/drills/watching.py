@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from robomend.drills.record import DrillRecord
@@ -131,6 +131,7 @@ class Watching:
         repaired = repair is not None and repair.state == RepairState.REPAIRED
         ends_ns = None if repair is None or repair.open else repair.updated_ns
         meant = meant_by(parts, taken_by(parts, self._record.kind, self._record.component))
+        mends = {str(one): one.mends for one in parts.remedies}
         return {
             "detected_s": None if self._seen_s is None else round(self._seen_s, 3),
             "diagnoses": [list(bad) for bad in (until[-1] if until else ())[:MOST_DIAGNOSES]],
@@ -141,7 +142,11 @@ class Watching:
             "repair_reason": None if repair is None else repair.data.get("reason", ""),
             "repaired_s": round((ends_ns - self._planted_ns) / 1e9, 3) if repaired and ends_ns else None,
             "acts": [one["text"] for one in sent],
-            "needless": [one["text"] for one in sent if not is_meant(one, meant, parts.components)],
+            "needless": [
+                one["text"]
+                for one in sent
+                if not is_meant(mends.get(one["text"]) or one["parameters"], meant, parts.components)
+            ],
         }
 
 
@@ -177,9 +182,9 @@ def meant_by(parts: ComponentModel, components: Collection[str]) -> frozenset[st
     return frozenset(meant)
 
 
-def is_meant(step: Mapping[str, Any], meant: Collection[str], components: Iterable[str]) -> bool:
+def is_meant(acted_on: Iterable[str], meant: Collection[str], components: Iterable[str]) -> bool:
     """Return whether an act was on what was faulty, and on nothing else of the robot."""
-    return set(step["parameters"]).intersection(components) <= set(meant)
+    return set(acted_on).intersection(components) <= set(meant)
 
 
 async def healthy_for(state: Robot, hold_s: float, within_s: float, news: asyncio.Event) -> bool:

@@ -35,6 +35,7 @@ class PlantableFault(Plantable):
 
     shows: tuple[Literal, ...]  # of what is observed, what would no longer hold
     diagnoses: tuple[tuple[str, ...], ...]  # of just that, the first ones; empty: nothing would be noticed
+    remedies: tuple[str, ...] = ()  # of the model, that mend what is at fault
 
     @property
     def promise(self) -> str:
@@ -84,6 +85,7 @@ def drill_plan(
                 fault.topic,
                 shows=lost,
                 diagnoses=blamed,
+                remedies=tuple(str(one) for one in parts.remedies if fault.component in one.mends),
             )
     finally:
         engine.close()

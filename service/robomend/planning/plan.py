@@ -6,7 +6,7 @@ plan is pure data and goes over HTTP as it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -35,6 +35,13 @@ class Step:
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.parameters)})"
+
+    def acts_on(self, components: Collection[str]) -> frozenset[str]:
+        """Return which of a model's components it is for: those that it names, and those that it makes good
+        (`set_mode(low)` names none).
+        """
+        good = {one.atom.args[0] for one in self.effects if one.positive and one.atom.predicate == "good"}
+        return frozenset(good.union(self.parameters).intersection(components))
 
 
 ACTIONS = {

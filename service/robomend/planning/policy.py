@@ -111,7 +111,7 @@ class Policy:
             refusal = self.refusal(step, counted, components)
             if refusal is not None:
                 return f"{step}: {refusal}"
-            counted.update(set(step.parameters).intersection(components))
+            counted.update(step.acts_on(components))
         return None
 
     def refusal(self, step: Step, attempts: Mapping[str, int], components: Collection[str]) -> str | None:
@@ -126,8 +126,8 @@ class Policy:
         for component in sorted(self.harmed(step)):
             if component in self.protected:
                 return f"{component} stays as it is: {self.protected[component]}"
-        for component in step.parameters:
-            if component in components and attempts.get(component, 0) >= self.attempts_per_hour:
+        for component in sorted(step.acts_on(components)):
+            if attempts.get(component, 0) >= self.attempts_per_hour:
                 return (
                     f"that would be more than {self.attempts_per_hour} actions on {component} within an "
                     "hour, the limit"

@@ -233,7 +233,7 @@ class Acts:
             self._brought_back({taken} if taken is not None else ())
             raise
         self._repeats.sent(action, self._state.sight.literals())
-        self.attempts.update(self._components.intersection(action.parameters))
+        self.attempts.update(report.step.acts_on(self._components))
 
     async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
         """Write an outcome (see Journal)."""

@@ -179,7 +179,7 @@ class ActionRecord:
                 timeout_s=action.timeout_s,
                 fence=self.fence,
             )
-            counted = self._components.intersection(action.parameters) if self.drill is None else ()
+            counted = report.step.acts_on(self._components) if self.drill is None else ()
             for component in counted:
                 attempts.count(tx, self.robot, component, self.id, fence=self.fence)
             tx.note(entry)

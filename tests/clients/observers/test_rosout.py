@@ -54,6 +54,8 @@ def test_chatter_is_none(level: int) -> None:
         "Got a transition callback on a goal handle that we're not tracking",
         "Got a feedback callback on a goal handle that we're not tracking. /a-1-2.3 vs /a-2-2.4",
         "SimpleActionClient received DONE twice",
+        "Got a result when we were already in the DONE state",
+        "Invalid goal status transition from PREEMPTING to REJECTED",
         "To transition to a cancelled state, the goal must be in a pending, recalling, active, or preempting "
         "state, it is currently in state: 3",
     ],
