@@ -63,7 +63,15 @@ def test_what_was_so_before_is_told_with_the_evidence_from_after_the_acts() -> N
 
 
 S = 10**9
-STEP = {"text": "start_node(driver)", "cost": 4.0, "sent_ns": 6 * S, "ended_ns": 11 * S, "state": "failed"}
+STEP = {
+    "text": "start_node(driver)",
+    "name": "start_node",
+    "parameters": ["driver"],
+    "cost": 4.0,
+    "sent_ns": 6 * S,
+    "ended_ns": 11 * S,
+    "state": "failed",
+}
 ROUND = {
     "began_ns": 5 * S,
     "diagnosis": {"bad": ["driver"], "good": []},
@@ -105,10 +113,10 @@ def test_each_round_has_its_time_and_what_was_waited_for_before_it() -> None:
         "00:00:02.000 waiting for observers: ok(scan), for 3.0 s",
         "00:00:05.000 round 1: driver blamed",
         "  chosen: driver: helps with probability 1 at cost 4",
-        "  start_node(driver): sent 00:00:06.000, ended 00:00:11.000, effect missing "
+        "  Start driver (start_node(driver)): sent 00:00:06.000, ended 00:00:11.000, effect missing "
         "(its action answered 'done'); seen: running(driver); not seen: ok(scan)",
         "  seen after it: running(driver) since 00:00:07.000",  # not since its newest evidence
-        "  it did not help: start_node(driver) answered 'done', but ok(scan) was not seen within 5 s",
+        "  it did not help: starting driver answered 'done', but ok(scan) was not seen within 5 s",
         "00:00:11.000 waiting until ok(scan) is seen: ok(scan)",
         "00:00:12.000 escalated: as the test says",
     ]
@@ -154,7 +162,7 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert "  symptom not ok(scan) since " in text
     assert "  conflict: " in text
     assert "  not chosen (weight 0.5): lidar: helps with probability 0.75 at cost 29; dearer than 4" in text
-    assert "  start_node(lidar_node): sent " in text
+    assert "  Start lidar_node (start_node(lidar_node)): sent " in text
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text
     assert f" repaired: {repair['reason']}" in told[-1]

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.planning.plan import action_title, action_titles
-from robomend.repairs.headline import Facts, Headline, headline
+from robomend.planning.plan import action_title, action_titles, in_prose
+from robomend.repairs.headline import Facts, Fallback, Headline, headline
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState
 
@@ -55,6 +55,40 @@ def said(**of: Any) -> tuple[str, str]:
 
 NO_POWER = [symptom("not on(hokuyo)", "hokuyo"), *(symptom(f"not ok({one})") for one in ("scan", "map"))]
 MAP = symptom("not ok(map)", "hokuyo", "hector", text="0 of 2 Hz for 3.1 s", way="silent")
+
+
+MEDIUM = Fallback("altitude", "medium", AT, "visibility fell to 2.9, at least 3.25")
+BY_MEDIUM = "altitude works by medium since 23:23:04, as visibility fell to 2.9, at least 3.25"
+
+
+@pytest.mark.parametrize(
+    ("facts", "what"),
+    [
+        ({"health": HealthState.HEALTHY, "since_ns": AT}, f"Healthy since 23:23:04; {BY_MEDIUM}."),
+        (
+            {"health": HealthState.DEGRADED, "blamed": [(("lamp",), None)], "since_ns": AT},
+            "something is wrong, because of lamp since 23:23:04; the robot does without; " + BY_MEDIUM + ".",
+        ),
+    ],
+)
+def test_a_function_that_falls_back_is_told_with_its_variant_since_when_and_why(
+    facts: dict[str, Any], what: str
+) -> None:
+    assert said(**facts, functions=[MEDIUM])[0] == what
+
+
+def test_what_follows_is_told_before_how_the_functions_work() -> None:
+    what, _ = said(blamed=[(("hokuyo",), None)], symptoms=NO_POWER, functions=[MEDIUM])
+    assert what.endswith(f"; scan and map follow; {BY_MEDIUM}.")
+
+
+def test_of_many_functions_the_number_is_told_and_of_one_that_has_nothing_left_why() -> None:
+    none = Fallback("motion", None, None, "thruster_1 is blamed")
+    what, _ = said(
+        health=HealthState.HEALTHY, functions=[none, *[MEDIUM._replace(since_ns=None, why="")] * 4]
+    )
+    begin = "Healthy; motion has no variant left, as thruster_1 is blamed; altitude works by medium; "
+    assert what == begin + "altitude works by medium; and 2 more functions not by the best variant."
 
 
 def test_what_was_seen_of_a_component_itself_is_told_as_it_is_with_what_follows() -> None:
@@ -194,3 +228,21 @@ def test_actions_have_names_of_the_trade() -> None:
     acts = [("shutdown", ["a"]), ("stop_node", ["n"]), ("power_up", ["a"]), ("start_node", ["n"])]
     assert action_titles(acts) == ["Power-cycle a", "Restart n"]
     assert action_titles([("stop_node", ["n"]), ("start_node", ["m"])]) == ["Stop n", "Start m"]
+
+
+@pytest.mark.parametrize(
+    ("reason", "prose"),
+    [
+        (
+            "start_node(map) failed (2 times); map: stop_node(map) is refused",
+            "starting map failed (2 times); map: stopping map is refused",
+        ),
+        ("power_up(Front/Lidar) answered 'done'", "powering up Front/Lidar answered 'done'"),
+        ("shutdown(a): the policy says no", "switching off a: the policy says no"),
+        ("restart_node(map) failed", "restart_node(map) failed"),
+        ("my_start_node(map) failed", "my_start_node(map) failed"),
+        ("start_node(a, b) failed", "start_node(a, b) failed"),
+    ],
+)
+def test_reasons_name_actions_as_people_say_them(reason: str, prose: str) -> None:
+    assert in_prose(reason) == prose

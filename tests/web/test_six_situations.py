@@ -17,6 +17,8 @@ from tests.waiting import until
 from tests.web.conftest import Look
 from tests.web.test_fleet import live, row
 
+from robomend.resources import resource
+
 expect.set_options(timeout=PATIENCE_MS)
 
 SCREENS = {"desk": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
@@ -136,6 +138,31 @@ def test_list_and_status_and_robot_say_the_same(six: Service, look: Look, robot:
     shown = row(live(look(six)), robot)
     assert re.search(f"({case.what})", shown)
     assert re.search(case.then, shown)
+
+
+def test_by_what_a_function_works_is_told_with_since_when_and_what_was_measured(
+    service: Service, look: Look
+) -> None:
+    source = resource("examples", "suave/model.yaml").read_text(encoding="utf-8")
+    assert service.api("PUT", "/models/suave", json={"source": source}).is_success
+    service.api("PUT", "/robots/diver", json={"model": "suave", "policy": "observe"})
+    thrusters = [f"ok(thruster_{number})" for number in range(1, 7)]
+    modes = ["active(search, fd_spiral_medium)", "active(motion, fd_all_thrusters)"]
+    murky = {"value": 2.9, "limit": "at least 3.25"}
+    seen = ["not ok(sees_high)", "ok(sees_medium)", *modes, *thrusters]
+    service.observe(*seen, robot="diver", readings=[murky] + [None] * (len(seen) - 1))
+    medium = rf"search works by fd_spiral_medium since {AT}, as sees_high is not as it should be "
+    medium += r"\(2\.9, at least 3\.25\)"
+    page = live(look(service, viewport=SCREENS["phone"]), "/ui/robots/diver")
+    expect(page.locator("#headline .what")).to_have_text(re.compile(rf"^Healthy since {AT}; {medium}\.$"))
+    service.observe("not ok(thruster_2)", "active(motion, fd_recover_thrusters)", robot="diver")
+    broken = (
+        rf"^thruster_2 is not as it should be since {AT}, because of c_thruster_2; the robot does without; "
+    )
+    rest = rf"; motion works by fd_recover_thrusters since {AT}, as c_thruster_2 is blamed\.$"
+    expect(page.locator("#headline .what")).to_have_text(re.compile(broken + medium + rest))
+    on_screen(page, SCREENS["phone"]["height"])
+    keep(page, "degraded")
 
 
 def test_a_repair_and_its_event_say_the_same(six: Service) -> None:

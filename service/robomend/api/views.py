@@ -25,7 +25,9 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
 from robomend.model.five_key import FiveKey
+from robomend.model.formulas import leaves
 from robomend.model.system import System
+from robomend.model.vocabulary import ACTIVE
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.repairs.foresight import contradicted
 from robomend.repairs.headline import of_robot
@@ -200,7 +202,9 @@ def functions_out(state: Robot) -> FunctionsOut:
 def obs_out(state: Robot) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
     now = CLOCK.now_ns()
-    used = state.system.cnf.atom_variable
+    used = state.system.cnf.atom_variable.keys() | {
+        leaf.literal.atom for one in state.system.conditions.values() for leaf in leaves(one)
+    }
     unconfirmed = frozenset(state.sight.not_confirmed())
     entries = sorted(state.obs.entries(), key=lambda entry: entry.literal.atom)
     return ObsOut(
@@ -215,7 +219,7 @@ def obs_out(state: Robot) -> ObsOut:
                 onset_ns=entry.onset_ns,
                 confirmed=entry.atom not in unconfirmed,
                 fresh=entry.fresh(now),
-                used=entry.literal.atom in used,
+                used=entry.atom in used or entry.atom.predicate == ACTIVE,
                 reading=_reading_out(entry),
                 contradicted=entry.contradicted,
                 by_source=[_word_out(word.entry) for word in entry.by_source],

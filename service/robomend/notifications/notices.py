@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import quote
 
 from robomend.drills.states import DrillState
-from robomend.planning.plan import action_titles
+from robomend.planning.plan import action_titles, in_prose
 from robomend.repairs.headline import Facts, headline, of_repair, short, told
 from robomend.repairs.states import ChangeState, RepairState
 from robomend.robots.health import HealthState
@@ -144,7 +144,7 @@ def _of_repair(event: Event) -> Notice | None:
     if diagnosis.get("bad"):
         lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
     lines += [f"seen: {one}" for one in _measured(data)]
-    lines += [f"reason: {reason}"] if reason and short(reason) not in then else []
+    lines += [f"reason: {in_prose(reason)}"] if reason and short(reason) not in then else []
     title = f"{event.robot}: {what.rstrip('.')}"
     return Notice(about, key, event.robot, repair, event.time_ns, title, tuple(lines))
 
@@ -161,10 +161,10 @@ def _of_change(event: Event) -> Notice | None:
         return None
     change = str(data.get("id"))
     lines = [_short(str(one.get("text"))) for one in data.get("changes") or ()]
-    plan = [str(step.get("text")) for step in data.get("plan") or ()]
+    plan = action_titles(_acts(data))
     lines += [f"plan: {_listed(plan, '; ')}"] if plan and asks else []
     if state == ChangeState.FAILED:
-        lines.append(f"reason: {_short(data.get('reason') or '')}")
+        lines.append(f"reason: {in_prose(_short(data.get('reason') or ''))}")
     what = {
         ChangeState.AWAITING_APPROVAL: "a change of configuration waits for a yes",
         ChangeState.CHANGED: "its configuration was changed",
@@ -185,7 +185,7 @@ def _of_drill(event: Event) -> Notice | None:
     data = event.data
     if "asked" in data or data.get("state") != DrillState.FAILED:
         return None
-    drill, lines = str(data.get("id")), (f"reason: {_short(data.get('reason') or '')}",)
+    drill, lines = str(data.get("id")), (f"reason: {in_prose(_short(data.get('reason') or ''))}",)
     title = f"{event.robot}: a drill ended, and a person is needed"
     return Notice("escalated", f"drill:{drill}", event.robot, None, event.time_ns, title, lines)
 

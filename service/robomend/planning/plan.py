@@ -6,6 +6,7 @@ plan is pure data and goes over HTTP as it is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -52,6 +53,16 @@ ACTIONS = {
 }
 """The domain's own actions, each of one component, as people say them."""
 
+DOING = {
+    "power_up": "powering up",
+    "shutdown": "switching off",
+    "start_node": "starting",
+    "stop_node": "stopping",
+}
+"""The same inside a sentence: "starting lidar_node failed"."""
+
+_IN_PDDL = re.compile(rf"(?<![\w-])({'|'.join(DOING)})\(([^(),]+)\)")
+
 PAIRS = {("shutdown", "power_up"): "Power-cycle", ("stop_node", "start_node"): "Restart"}
 """Two actions on one component that people have one word for."""
 
@@ -64,6 +75,13 @@ def action_title(name: str, parameters: Sequence[str]) -> str:
     said = " ".join(name.replace("-", "_").split("_")).strip() or name
     said = said[0].upper() + said[1:]
     return f"{said}: {', '.join(parameters)}" if parameters else said
+
+
+def in_prose(text: str) -> str:
+    """Return a sentence with the domain's own actions as people say them: reasons have them as the plan does,
+    `start_node(lidar_node) failed`.
+    """
+    return _IN_PDDL.sub(lambda found: f"{DOING[found[1]]} {found[2]}", text)
 
 
 def action_titles(acts: Iterable[tuple[str, Sequence[str]]]) -> list[str]:

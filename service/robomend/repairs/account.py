@@ -18,6 +18,7 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.choice import Choice
+from robomend.planning.plan import action_title, in_prose
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.headline import began, seen
 from robomend.repairs.states import StepState
@@ -90,7 +91,7 @@ def account(repair: Json) -> list[str]:
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
-    lines.append(f"{_clock(at)} {repair['state']}: {repair['reason']}".rstrip(": "))
+    lines.append(f"{_clock(at)} {repair['state']}: {in_prose(repair['reason'])}".rstrip(": "))
     if repair.get("retry_ns"):
         lines.append(f"tried again by itself at {_clock(repair['retry_ns'])}, unless it is well by then")
     return lines
@@ -103,7 +104,7 @@ def _round(number: int, done: Json) -> list[str]:
     if done.get("symptoms_left_out"):
         lines.append(f"  and {counted(done['symptoms_left_out'], 'more symptom')}")
     lines += [f"  conflict: {text}" for text in done.get("conflicts", ())]
-    lines.append(f"  chosen: {done['why']}")
+    lines.append(f"  chosen: {in_prose(done['why'])}")
     lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]
     for step in done["plan"]:
         lines.append(f"  {_step(step, ended=done['ending'] is not None)}")
@@ -117,7 +118,7 @@ def not_chosen(rival: Json, done: Json) -> str:
     """Return which rival of a round was not chosen, and why."""
     names = ", ".join(rival["bad"])
     why = rival["why"] if str(rival["why"]).startswith(names) else f"{names}: {rival['why']}"
-    return f"not chosen{_weight(rival['weight'])}: {why}{_lost(rival, done)}"
+    return f"not chosen{_weight(rival['weight'])}: {in_prose(why)}{_lost(rival, done)}"
 
 
 def since(seen: Json) -> int | None:
@@ -128,7 +129,7 @@ def since(seen: Json) -> int | None:
 
 def how_it_ended(done: Json) -> str:
     """Return how a round ended, in words; whether it helped and whether all of it was done are two things."""
-    why, bad = done.get("reason") or done["ending"], " and ".join(done["diagnosis"]["bad"])
+    why, bad = in_prose(done.get("reason") or done["ending"]), " and ".join(done["diagnosis"]["bad"])
     if done.get("by_itself"):
         return f"well again, and credited to nobody: {done['by_itself']}"
     if not done.get("helped"):
@@ -162,18 +163,17 @@ def _lost(rival: Json, done: Json) -> str:
 
 
 def _step(step: Json, *, ended: bool) -> str:
+    title = f"{action_title(step['name'], step['parameters'])} ({step['text']})"
     if step.get("sent_ns") is None:
         state = step.get("state", StepState.WAITING)
-        return (
-            f"{step['text']}: {'not begun' if ended and state == StepState.WAITING else state}{_said(step)}"
-        )
+        return f"{title}: {'not begun' if ended and state == StepState.WAITING else state}{_said(step)}"
     until = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
     seen = f"; seen: {', '.join(step['seen'])}" if step.get("seen") else ""
     missing = f"; not seen: {', '.join(step['missing'])}" if step.get("missing") else ""
     # A step whose action answered and whose effect was not seen has failed; it is not its action that did.
     state = "effect missing" if missing else step["state"]
-    sent = f"{_times(step)}{_clock(step['sent_ns'])}"
-    return f"{step['text']}: sent {sent}{until}, {state}{_said(step)}{seen}{missing}"
+    sent = f"sent {_times(step)}{_clock(step['sent_ns'])}"
+    return f"{title}: {sent}{until}, {state}{_said(step)}{seen}{missing}"
 
 
 def _times(step: Json) -> str:

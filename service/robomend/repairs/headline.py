@@ -15,16 +15,20 @@ share of its component among those that could stand in its place.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 from robomend.entry import Entry
-from robomend.planning.plan import action_titles
+from robomend.model.formulas import leaves
+from robomend.model.vocabulary import ACTIVE
+from robomend.planning.plan import action_titles, in_prose
 from robomend.repairs.states import RepairState, StepState
 from robomend.robots.health import UNCLEAR, HealthState, health_of
 from robomend.robots.robot import Robot
+from robomend_client.counts import counted
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.readings import Symptom
 
@@ -63,6 +67,15 @@ class Headline:
         return " ".join(filter(None, (told(self.what, now_ns), told(self.then, now_ns))))
 
 
+class Fallback(NamedTuple):
+    """A function that works by another variant than its best one, or by none."""
+
+    function: str
+    variant: str | None  # None: none is left
+    since_ns: int | None
+    why: str  # not by a better one
+
+
 @dataclass(frozen=True, slots=True)
 class Facts:
     """What a headline is made of."""
@@ -77,6 +90,7 @@ class Facts:
     reported: bool = True  # anything, ever
     policy: str = "approve"
     repair: Json | None = None  # the newest, as HTTP shows it
+    functions: Sequence[Fallback] = ()  # those that do not work by their best variant
 
 
 def told(words: Told, now_ns: int) -> str:
@@ -131,21 +145,57 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
         since_ns = (max if health is HealthState.UNKNOWN else min)(over) if over else None
     conflicts = [(one["components"], one["observations"]) for one in result.get("conflicts", ())]
     fallen = robot.sight.symptoms()
+    # That the water is too murky for a variant is nobody's fault, and follows from none.
+    only_conditions = {leaf.literal.atom for one in robot.system.conditions.values() for leaf in leaves(one)}
     symptoms = sorted((entry for entry in robot.sight.entries() if entry.atom in fallen), key=began)
     return headline(
         Facts(
             health=health,
             blamed=blamed,
             more=max(0, (result.get("count") or len(found)) - len(found)) if found else 0,
-            symptoms=[seen(entry, conflicts) for entry in symptoms],
+            symptoms=[
+                one
+                for entry in symptoms
+                if (one := seen(entry, conflicts))["blames"] or entry.atom not in only_conditions
+            ],
             unknown=[str(atom) for atom in unknown],
             since_ns=since_ns,
             fault="" if current is None or not current.fault else str(current.fault.get("detail")),
             reported=bool(entries) or bool(robot.revision),
             policy=robot.config.policy,
             repair=repair,
+            functions=list(_fallbacks(robot)),
         )
     )
+
+
+def _fallbacks(robot: Robot) -> Iterator[Fallback]:
+    """Yield the functions that are known not to work by their best variant, in the order of the model."""
+    for name, state in robot.function_states().items():
+        best = next(iter(state.standings), None)
+        if best is None or state.active == best:
+            continue
+        if state.active is None:  # which is active is not known, but that none can be may be
+            if state.standings and all(one.admissible is False for one in state.standings.values()):
+                yield Fallback(name, None, None, state.standings[best].why)
+            continue
+        entry = robot.obs.get(Atom(ACTIVE, (name, state.active)))
+        since_ns = None if entry is None else entry.onset_ns or entry.since_ns
+        yield Fallback(
+            name, state.active, since_ns, _measured(state.standings[best].why or state.held, robot)
+        )
+
+
+def _measured(why: str, robot: Robot) -> str:
+    """Return why a variant is not admissible, with what was measured of what is observed not to hold."""
+
+    def said(found: re.Match[str]) -> str:
+        atom = _atom(found[1])
+        entry = None if atom is None else robot.obs.get(atom)
+        reading = None if entry is None else entry.measured()
+        return in_words(found[1], reading) + (f" ({reading['text']})" if reading else "")
+
+    return re.sub(r"(not \w+\([^()]*\)) is observed", said, why)
 
 
 def of_repair(repair: Json) -> Headline:
@@ -186,7 +236,7 @@ def _what(of: Facts) -> tuple[Told, int | None]:
         return (f"There is no diagnosis: {short(of.fault)}",), of.since_ns
     match of.health:
         case HealthState.HEALTHY:
-            return ("Healthy", *_since(of.since_ns)), of.since_ns
+            return ("Healthy", *_since(of.since_ns), *_working(of.functions)), of.since_ns
         case HealthState.UNKNOWN if not of.reported:
             return ("Nothing has been reported yet",), None
         case HealthState.UNKNOWN:
@@ -211,8 +261,21 @@ def _what(of: Facts) -> tuple[Told, int | None]:
         words.append("; the robot does without")
     if follow := [_subject(one["literal"]) for one in of.symptoms if one["literal"] not in heads]:
         words.append(f"; {_following(list(dict.fromkeys(follow)))}")
+    words += _working(of.functions)
     first = next((symptom for _, symptom in faults if symptom is not None), None)
     return tuple(words), (first and _begun(first)) or of.since_ns
+
+
+def _working(functions: Sequence[Fallback]) -> list[str | int]:
+    """Return by what functions work that do not work by their best variant, since when and why."""
+    words: list[str | int] = []
+    for one in functions[:MANY]:
+        how = "has no variant left" if one.variant is None else f"works by {one.variant}"
+        words += [f"; {one.function} {how}", *_since(one.since_ns)]
+        words += [f", as {short(one.why)}"] if one.why else []
+    if len(functions) > MANY:
+        words.append(f"; and {counted(len(functions) - MANY, 'more function')} not by the best variant")
+    return words
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,8 +508,8 @@ def _number(count: int) -> str:
 
 
 def short(text: str) -> str:
-    """Return as much of a text as a headline has room for, in one line."""
-    text = " ".join(text.split())
+    """Return as much of a text as a headline has room for, in one line and as people say it."""
+    text = in_prose(" ".join(text.split()))
     return text if len(text) <= LETTERS else f"{text[:LETTERS].rsplit(' ', 1)[0]} …"
 
 

@@ -20,7 +20,7 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.planning.plan import action_title, action_titles
+from robomend.planning.plan import action_title, action_titles, in_prose
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
 from robomend.repairs.headline import Told, clock, in_words
 from robomend.web.moment_plot import svg as moment_svg
@@ -145,8 +145,8 @@ OTHER_WAY = re.compile(f"([{_OTHER_WAY}]+(?:[\\s_.-]*[{_OTHER_WAY}0-9]+)*)")
 
 
 def sentence(text: object) -> Markup:
-    """Return a sentence of ours: from left to right, whatever the names in it are."""
-    parts = OTHER_WAY.split(str(text))
+    """Return a sentence of ours as people say it: from left to right, whatever the names in it are."""
+    parts = OTHER_WAY.split(in_prose(str(text)))
     made = [Markup("<bdi>{}</bdi>" if place % 2 else "{}").format(part) for place, part in enumerate(parts)]
     return Markup('<bdi class="name" dir="ltr">{}</bdi>').format(Markup("").join(made))
 

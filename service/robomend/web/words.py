@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from robomend.planning.plan import action_title
 from robomend.repairs.states import RepairState, StepState
 from robomend.store.records import AuditEntry
 from robomend_client.counts import counted
@@ -151,7 +152,8 @@ def _of_open(repair: Json) -> tuple[str, bool]:
         probe = repair["probe"] is not None and repair["waiting_for"] == [repair["probe"]["atom"]]
         return (f"a look: is {atoms}?", True) if probe else (f"observations: {atoms}", False)
     if state == RepairState.RUNNING:
-        at_work = [step["text"] for step in repair["plan"] if step["state"] == StepState.RUNNING]
+        running = [step for step in repair["plan"] if step["state"] == StepState.RUNNING]
+        at_work = [action_title(step["name"], step["parameters"]) for step in running]
         return f"its repair: {listed(at_work)}" if at_work else "its repair", False
     told = reason if state == RepairState.WAITING and reason else REPAIR_STATES.get(state, state)
     return str(told), False

@@ -218,14 +218,20 @@ def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:
 
 
 def _sorted(obs: ObsOut, state: Robot) -> dict[str, Any]:
-    """Return OBS as people look at it: what is amiss or in doubt, bad first, and the rest by component."""
+    """Return OBS as people look at it: what is amiss or in doubt, bad first, and the rest by component.
+
+    Without the variants that are not the active ones.
+    """
     nodes = {} if state.system.parts is None else state.system.parts.nodes
     publisher = {topic: node.name for node in nodes.values() for topic in node.publishes}
     amiss: list[ObservedLiteral] = []
     good: dict[str, list[ObservedLiteral]] = {}
     for one in obs.observations[:SHOWN_OBS]:
-        if one.fresh and one.confirmed and not one.literal.startswith("not "):
-            atom = parse_atom(one.literal)
+        atom = parse_atom(one.literal.removeprefix("not "))
+        positive = not one.literal.startswith("not ")
+        if atom.predicate == ACTIVE and not positive:
+            continue
+        if one.fresh and one.confirmed and positive:
             name = atom.args[0] if atom.args else atom.predicate
             good.setdefault(publisher.get(name, name), []).append(one)
         else:

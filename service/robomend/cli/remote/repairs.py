@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import RepairName, RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
-from robomend.planning.plan import action_title
+from robomend.planning.plan import action_title, in_prose
 from robomend.repairs.states import RepairState
 
 
@@ -59,7 +59,7 @@ def repairs(
 
 def _row(one: Mapping[str, Any]) -> tuple[str, ...]:
     bad = ", ".join((one["diagnosis"] or {}).get("bad", ()))
-    state = one["state"] + (f": {one['reason']}" if one["reason"] else "")
+    state = one["state"] + (f": {in_prose(one['reason'])}" if one["reason"] else "")
     return one["id"], one["robot"], at(one["created_ns"]), bad, state
 
 

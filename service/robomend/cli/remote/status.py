@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
-from robomend.planning.plan import action_title
+from robomend.planning.plan import action_title, in_prose
 from robomend.repairs.states import RepairState
 from robomend_client.counts import counted
 
@@ -154,7 +154,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         yield f"{one['function']}: {one['active'] or 'not known'} (best now: {one['goal'] or 'none'}){held}"
     if repair is not None:
         ended = f", ended {at(repair['finished_ns'])}" if repair["finished_ns"] else ""
-        reason = f": {repair['reason']}" if repair["reason"] else ""
+        reason = f": {in_prose(repair['reason'])}" if repair["reason"] else ""
         yield f"repair {repair['id']}: {repair['state']}{ended}{reason}"
         if repair["state"] == RepairState.AWAITING_APPROVAL:
             for step in repair["plan"]:

@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, diagnoses, printable, some
-from robomend.planning.plan import action_title
+from robomend.planning.plan import action_title, in_prose
 from robomend.repairs.states import STEP_ENDS, ChangeState, RepairState, StepState
 
 if TYPE_CHECKING:
@@ -143,14 +143,14 @@ def _repair(data: Mapping[str, Any]) -> str:
     words = f"repair {data.get('id')}: {data.get('state')}"
     if data.get("state") == RepairState.AWAITING_APPROVAL and data.get("headline"):
         return f"{words}: {data['headline']}"
-    return words + (f": {data['reason']}" if data.get("reason") else "")
+    return words + (f": {in_prose(data['reason'])}" if data.get("reason") else "")
 
 
 def _configuration(data: Mapping[str, Any]) -> str:
     said = ", ".join(str(one["text"]) for one in data.get("changes", ()))
     words = f"change {data.get('id')}: {data.get('state')}: {said}"
     failed = data.get("state") == ChangeState.FAILED and data.get("reason")
-    return words + (f": {data['reason']}" if failed else "")
+    return words + (f": {in_prose(data['reason'])}" if failed else "")
 
 
 def _action(data: Mapping[str, Any]) -> str | None:
