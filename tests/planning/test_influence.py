@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from robomend.model.loading import load_text
-from robomend.planning.influence import needed, touched
+from robomend.planning.influence import influenced, needed, touched
+from robomend.planning.prediction import theory_of
+from robomend_client.literals import Atom
 
 MODEL = """
 robomend: 1

@@ -72,7 +72,6 @@ class Theory:
             if first < abs(literal) <= first + len(cnf.atoms)
         )
 
-
     def concluded(self, components: Iterable[str]) -> frozenset[Atom]:
         """Return the atoms that some rule concludes of one of these being healthy, whatever else it asks for:
         those that it has unnegated, or all where it has none.
