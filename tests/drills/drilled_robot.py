@@ -153,6 +153,11 @@ class DrilledRobot:
             **self.config,
         }
 
+    def configure(self, **changes: Any) -> None:
+        with self.client as client:
+            found = client.robot("r1")
+            client.put_robot("r1", {**found.value["config"], **changes}, found.version)
+
     def kill(self, name: str) -> None:
         """kill -9; what it leaves behind is its own business."""
         process = self.processes.pop(name)

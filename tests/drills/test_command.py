@@ -120,26 +120,30 @@ def test_what_is_misspelt_or_never_planted_is_refused_before_anything_is(
 def test_ended_in_the_middle_the_command_leaves_nothing_planted(
     robot: DrilledRobot, how: signal.Signals
 ) -> None:
-    wanted = ("--fault", "node-frozen:mapping", "--yes", "--bound-s", "20")
-    with robot.client as client:
-        before = {one["id"] for one in client.drills("r1")["items"]}
+    robot.configure(policy="approve")  # a drill that nothing repairs is not over before the signal comes
+    try:
+        wanted = ("--fault", "node-frozen:mapping", "--yes", "--bound-s", "30")
+        with robot.client as client:
+            before = {one["id"] for one in client.drills("r1")["items"]}
 
-        def new() -> list[dict[str, Any]]:
-            return [one for one in client.drills("r1")["items"] if one["id"] not in before]
+            def new() -> list[dict[str, Any]]:
+                return [one for one in client.drills("r1")["items"] if one["id"] not in before]
 
-        process = subprocess.Popen(
-            [sys.executable, "-m", "robomend", "drill", "r1", "--url", robot.url, *wanted],
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        try:
-            until(lambda: new() and new()[0]["state"] != "waiting", "the drill has begun", 60.0)
-            os.kill(process.pid, how)
-            code = process.wait(60)
-        finally:
-            process.kill()
-            process.communicate()
-        assert code == (130 if how is signal.SIGINT else -signal.SIGKILL)
-        ended = robot.ended(new()[0]["id"])
-        assert ended["undone"]
-        until(lambda: robot.halted() == [], "nothing is halted")
+            process = subprocess.Popen(
+                [sys.executable, "-m", "robomend", "drill", "r1", "--url", robot.url, *wanted],
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
+            try:
+                until(lambda: new() and new()[0]["state"] != "waiting", "the drill has begun", 60.0)
+                os.kill(process.pid, how)
+                code = process.wait(60)
+            finally:
+                process.kill()
+                process.communicate()
+            assert code == (130 if how is signal.SIGINT else -signal.SIGKILL)
+            ended = robot.ended(new()[0]["id"])
+            assert ended["undone"]
+            until(lambda: robot.halted() == [], "nothing is halted")
+    finally:
+        robot.configure(policy="auto")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import httpx
 import pytest
@@ -11,12 +10,6 @@ from tests.drills.drilled_robot import DrilledRobot
 from tests.waiting import until
 
 from robomend_client.rest import ApiError
-
-
-def configured(robot: DrilledRobot, **changes: Any) -> None:
-    with robot.client as client:
-        found = client.robot("r1")
-        client.put_robot("r1", {**found.value["config"], **changes}, found.version)
 
 
 def refused(robot: DrilledRobot, fault: str, component: str) -> tuple[int, str]:
@@ -71,7 +64,7 @@ def test_a_mute_process_in_a_nodes_place_is_seen_and_the_repair_starts_the_node_
 def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_afterwards(
     robot: DrilledRobot, fault: str
 ) -> None:
-    configured(robot, policy="approve")  # nothing that a repair does would help
+    robot.configure(policy="approve")  # nothing that a repair does would help
     try:
         drill = robot.start_drill(fault, "lidar_node", bound_s=3.0, topic="scan")
         ended = robot.ended(drill["id"])
@@ -80,7 +73,7 @@ def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_aft
         assert "not ok(scan)" in ended["seen"]["showed"]
         assert "not running(lidar_node)" not in ended["seen"]["showed"]
     finally:
-        configured(robot, policy="auto")
+        robot.configure(policy="auto")
     robot.until_healthy()
 
 
@@ -149,7 +142,7 @@ def test_each_state_of_a_drill_is_an_event_and_an_entry_of_the_audit_log(robot: 
 
 
 def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: DrilledRobot) -> None:
-    configured(robot, policy="approve")  # so that nobody repairs it at once
+    robot.configure(policy="approve")  # so that nobody repairs it at once
     try:
         with robot.client as client:
             drill = robot.start_drill("node-frozen", "mapping")
@@ -170,7 +163,7 @@ def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: Dr
             with pytest.raises(ApiError, match="nothing to cancel"):
                 client.decide_drill(drill["id"], "cancel")
     finally:
-        configured(robot, policy="auto")
+        robot.configure(policy="auto")
 
 
 def test_a_repair_that_is_in_the_middle_of_its_plan_then_leaves_nothing_stopped(
@@ -187,7 +180,7 @@ def test_a_repair_that_is_in_the_middle_of_its_plan_then_leaves_nothing_stopped(
 
 
 def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(robot: DrilledRobot) -> None:
-    configured(robot, policy="approve")
+    robot.configure(policy="approve")
     try:
         with robot.client as client:
             drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
@@ -205,11 +198,11 @@ def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(rob
             assert (ended["state"], ended["undone"]) == ("cancelled", True)
             assert robot.halted() == []
     finally:
-        configured(robot, policy="auto")
+        robot.configure(policy="auto")
 
 
 def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(robot: DrilledRobot) -> None:
-    configured(robot, policy="approve")
+    robot.configure(policy="approve")
     try:
         drill = robot.start_drill("node-frozen", "mapping")
         robot.in_state(drill["id"], "planted")
@@ -222,11 +215,11 @@ def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(
         assert ended["undone"], ended
         assert ended["state"] in {"cancelled", "failed"}  # its kill left more to be mended than the fault
     finally:
-        configured(robot, policy="auto")
+        robot.configure(policy="auto")
 
 
 def test_an_undo_that_will_never_work_is_left_to_a_person_who_says_so(robot: DrilledRobot) -> None:
-    configured(robot, policy="approve")
+    robot.configure(policy="approve")
     try:
         drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
         robot.in_state(drill["id"], "planted")
@@ -240,7 +233,7 @@ def test_an_undo_that_will_never_work_is_left_to_a_person_who_says_so(robot: Dri
         assert "let it go on" in ended["reason"]
         robot.start_agent()
     finally:
-        configured(robot, policy="auto")
+        robot.configure(policy="auto")
 
 
 def test_a_person_plants_and_undoes_with_their_hands_and_says_done(robot: DrilledRobot) -> None:
@@ -271,21 +264,21 @@ def test_what_is_never_planted_is_refused_with_the_reason(robot: DrilledRobot) -
         ({"allow": ["stop_node"]}, "no undo: start_node"),
         ({"actions": {"start_node": {"policy": "observe"}}}, "no undo: start_node"),
     ):
-        configured(robot, **changes)
+        robot.configure(**changes)
         try:
             status, why = refused(robot, "node-killed", "mapping")
         finally:
-            configured(robot, policy="auto", allow=None, actions={})
+            robot.configure(policy="auto", allow=None, actions={})
         assert (status, words in why) == (403, True), why
 
 
 def test_on_a_robot_in_use_or_not_well_nothing_is_planted(robot: DrilledRobot) -> None:
     never = [{"weekdays": [(time.gmtime().tm_wday + 3) % 7], "start": "00:00", "end": "00:01"}]
-    configured(robot, windows=never)
+    robot.configure(windows=never)
     try:
         assert refused(robot, "node-killed", "mapping") == (409, "no maintenance window is open")
     finally:
-        configured(robot, windows=[], believe=["a person"])  # who insists, against the agent
+        robot.configure(windows=[], believe=["a person"])  # who insists, against the agent
     with robot.client as client:
         client.stop("lunch")
         assert "lunch" in refused(robot, "node-killed", "mapping")[1]
