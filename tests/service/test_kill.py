@@ -58,6 +58,9 @@ async def load(service: Served, round_: int, after_s: float) -> list[tuple[str, 
                 await asyncio.sleep(0.05)
 
     writers = asyncio.gather(*map(write, range(WRITERS)))
+    async with asyncio.timeout(60):
+        while round_ == 0 and not acknowledged:  # on a busy computer the first may take its time
+            await asyncio.sleep(0.01)
     await asyncio.sleep(after_s)  # a random moment
     service.process.kill()
     async with asyncio.timeout(30):

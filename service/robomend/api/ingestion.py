@@ -27,6 +27,7 @@ from starlette.types import Receive, Scope, Send
 from robomend.api.body import BYTES_PER_S, check_content_type, loads, loads_in_turn, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.gate import Admission, by_name, reporter_of
+from robomend.api.lists import NDJSON
 from robomend.api.problems import Problem, answer_to, of_body, of_error
 from robomend.api.schemas.base import NAME
 from robomend.api.schemas.observations import OBSERVATIONS, ObservationsBody
@@ -35,8 +36,6 @@ from robomend.robots.batches import Acknowledged, Batch
 from robomend.security import API, Principal
 from robomend.store.records import IdempotencyKey
 from robomend.yielding import Turns
-
-NDJSON = "application/x-ndjson"
 
 _SCHEMA = OBSERVATIONS.json_schema(ref_template="#/components/schemas/{model}")
 COMPONENTS: dict[str, Any] = _SCHEMA.pop("$defs")

@@ -14,9 +14,10 @@ from starlette.datastructures import URL
 from starlette.requests import Request
 from starlette.responses import Response
 
-from robomend.api.ingestion import NDJSON
 from robomend.api.schemas.base import Items
 from robomend.yielding import Turns
+
+NDJSON = "application/x-ndjson"
 
 _WEIGHT = re.compile(r"(?:0(?:\.\d{0,3})?|1(?:\.0{0,3})?)\Z")
 

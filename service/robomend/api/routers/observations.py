@@ -21,7 +21,8 @@ from robomend.api.deps import (
     principal_of,
 )
 from robomend.api.gate import GuardedRoute, reporter_of
-from robomend.api.ingestion import NDJSON, OPENAPI_BODY, accepted_response, ingest, read_batch
+from robomend.api.ingestion import OPENAPI_BODY, accepted_response, ingest, read_batch
+from robomend.api.lists import NDJSON
 from robomend.api.problems import problems
 from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
 from robomend.api.views import obs_out
