@@ -16,7 +16,7 @@ STAMPED = ("ros2", "zenoh")
 """Where messages bear their publishers' stamps."""
 
 
-@pytest.mark.timeout(300)  # a whole session
+@pytest.mark.timeout(400)  # a whole session
 def test_a_clock_that_is_set_stops_no_node_and_silences_no_topic(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -38,7 +38,7 @@ def test_a_clock_that_is_set_stops_no_node_and_silences_no_topic(
     }
     well = {"ok(scan)": True, "running(laser)": True}
     with agent(config(tmp_path, service.url, {}, **sections), clocks["agent"].environment):
-        eventually(lambda: well.items() <= service.signs().items(), "all well", 60)
+        eventually(lambda: well.items() <= service.signs().items(), "all well", 120)
         begun = len(service.batches())
 
         def since_ns() -> dict[str, int]:
@@ -49,7 +49,7 @@ def test_a_clock_that_is_set_stops_no_node_and_silences_no_topic(
             return found
 
         for whose, clock in reversed(clocks.items()):
-            for ahead_s in (600, 0, -600):
+            for ahead_s in (600, -600, 0):  # one is wrong at a time
                 clock.set(ahead_s)
                 ours_ns = time.time_ns() + (ahead_s * 10**9 if whose == "agent" else 0)
                 young_ns = max(ours_ns, *since_ns().values(), 0) + 10**9
