@@ -15,6 +15,7 @@ from robomend_client.literals import Atom, Literal
 pytestmark = pytest.mark.anyio
 
 WANTED = Literal(SCAN)
+MAP = Atom("ok", ("map",))
 
 
 async def effect(
@@ -42,6 +43,23 @@ async def test_of_power_nothing_is_awaited_that_was_said_before_the_cut_and_not_
     robot = SaidBefore(obs={ON: True, RUNNING: True, SCAN: True})
     assert await effect(robot, {SCAN}, "power_up") == ([], [])
     assert await effect(robot, {SCAN}) == ([], [WANTED])
+
+
+async def test_once_one_observer_has_settled_on_no_the_others_are_not_waited_for_beyond_the_time_out() -> (
+    None
+):
+    class Settling(Robot):
+        """Who observes the map has to judge it anew."""
+
+        def settling_s(self, atom: Atom) -> float:
+            return 3600.0 if atom == MAP else 0.0
+
+    both = frozenset({WANTED, Literal(MAP)})
+    here = replace(setting(Settling(obs={SCAN: False})), observed=frozenset({SCAN, MAP}))
+    here.prediction.expected = lambda: both  # type: ignore[method-assign]  # of no plan
+    async with asyncio.timeout(60):
+        _, missing, _ = await Looking(here).effect("start_node", both, 0.01, 0)
+    assert set(missing) == both
 
 
 async def test_an_effect_that_obs_holds_is_awaited_though_no_list_names_it() -> None:

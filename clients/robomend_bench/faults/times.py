@@ -86,6 +86,10 @@ class _Moments:
                 back_s = max(at_s, returned.get(atom.args[0], 0.0))
                 yield back_s, back_s + self._noticed_s(atom, silence=silence[atom])
             before = now
+        for aspect in self._anatomy.aspects:  # what is judged of them is judged anew
+            needs_s = aspects_delay_s(self._anatomy, {aspect.atom})
+            ends = [ended_s for topic, _, ended_s in self._record.silences if topic in aspect.flows]
+            yield from ((ended_s, ended_s + needs_s) for ended_s in ends)
 
     def _noticed_s(self, atom: Atom, *, silence: bool) -> float:
         """Return how long the observers of something take at most to see it fail."""

@@ -151,8 +151,11 @@ class Looking:
             passed_s = time.monotonic() - began
             due_s = self._sight.due_s(awaited & self._prediction.expected(), timeout_s)
             longest_s = max(timeout_s, min(passed_s + due_s, timeout_s + MOST_LONGER_S))
-            settling_s = max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
-            return max(longest_s - timeout_s, settling_s)
+            settle_s = {w: self._sight.settling_s(w.atom) for w in awaited}
+            denied = (w for w in missing() or () if self._sight.value(w.atom) is not None)
+            if any(not settle_s[w] for w in denied):
+                settle_s.clear()  # it is known to be missing, whatever the others will say
+            return max(longest_s - timeout_s, max(settle_s.values(), default=0.0))
 
         own = action not in POWER_ACTIONS | NODE_ACTIONS
         within = ""
