@@ -20,6 +20,8 @@ A trial
     record.py      what happened
     trial.py, stretches.py, bench.py   one trial; robots without faults; many side by side
     standins.py    scripted agents in place of the service
+Exemplars of others
+    sunset.py, suave.py, exemplars.py   their systems, the rival's rules, and both with the service
 The score
     scoring.py, intervals.py, figures.py, report.py, command.py
 """
