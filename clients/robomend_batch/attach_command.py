@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 FROM_ENVIRONMENT = "environment"
 """The value of --ros1 and --ros2 without one."""
 
+ROUTER = "tcp/localhost:7447"
+"""Where rmw_zenoh's router is."""
+
 DEFAULT_PORT = 8600
 FIND_S, FIND_MOST_S = 3.0, 12.0
 """Who is there is found after so long; on a busy network, or of a robot that is just starting, later."""
@@ -79,6 +82,7 @@ class Wanted:
     key: str | None
     update: bool
     detach: bool = False
+    zenoh: str | None = None
     launch: tuple[Path, ...] = ()
     analyzers: tuple[Path, ...] = ()
 
@@ -90,6 +94,13 @@ class Wanted:
 )
 @click.option(
     "--ros2", metavar="[DOMAIN]", is_flag=False, flag_value=FROM_ENVIRONMENT, help="Only a robot with ROS 2."
+)
+@click.option(
+    "--zenoh",
+    metavar="[ENDPOINT]",
+    is_flag=False,
+    flag_value=ROUTER,
+    help=f"Only a robot with ROS 2 over zenoh, there ({ROUTER}).",
 )
 @click.option(
     "--bag",
@@ -119,6 +130,7 @@ def command(
     folder: Path | None,
     ros1: str | None,
     ros2: str | None,
+    zenoh: str | None,
     bags: tuple[Path, ...],
     launch: tuple[Path, ...],
     analyzers: tuple[Path, ...],
@@ -145,8 +157,8 @@ def command(
     from robomend.cli.init.robot import ROBOT
     from robomend.cli.interrupts import Interrupted, Interrupts
 
-    if (ros1 is not None) + (ros2 is not None) + bool(bags) > 1:
-        raise click.UsageError("give one of --ros1, --ros2 and --bag")
+    if sum(one is not None for one in (ros1, ros2, zenoh)) + bool(bags) > 1:
+        raise click.UsageError("give one of --ros1, --ros2, --zenoh and --bag")
     folder = folder or Path(name or "robot")
     known = _robot_of(folder)
     if known and name and name != known:
@@ -155,7 +167,7 @@ def command(
     if not ROBOT.match(robot):
         raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most); see --name")
     asked = folder, robot, seconds, ros1, ros2, namespace, url, key, update
-    wanted = Wanted(*asked, detach, launch, analyzers)
+    wanted = Wanted(*asked, detach, zenoh, launch, analyzers)
     if detach and bags:
         raise click.UsageError("--bag starts nothing that --detach could leave running")
     if detach:
@@ -190,20 +202,28 @@ class _Attached:
 
     def run(self) -> None:
         """Find, listen, write, start, watch; until a signal comes."""
-        from robomend.cli.stage import Stage, environment, python, show
+        from robomend.cli.stage import PartFailed, Stage, environment, python, show
 
         wanted = self.wanted
         key = {"ROBOMEND_KEY": wanted.key} if wanted.key else {}
         with Stage(wanted.folder, {**environment(), **key}, self._interrupts) as stage:
             service, url = None, wanted.url or ""
+
+            def start_service(port: int) -> Any:
+                serve = ["serve", "--port", str(port), "--data", str(wanted.folder / "data"), "--announce"]
+                return stage.start("service", python("robomend", *serve), announces=True)
+
             if wanted.url is None:  # it loads while we listen
-                port = _free_port(wanted.folder)
-                data = str(wanted.folder / "data")
-                serve = ["serve", "--port", str(port), "--data", data, "--announce"]
-                service = stage.start("service", python("robomend", *serve), announces=True)
+                service = start_service(_free_port(wanted.folder))
             found, heard = asyncio.run(self._listen())
             if service is not None:
-                url = str(stage.announced(service, SERVICE_S)["url"])
+                try:
+                    url = str(stage.announced(service, SERVICE_S)["url"])
+                except PartFailed:
+                    if _known_port(wanted.folder):
+                        raise
+                    stage.end(service)  # somebody else may have taken the port meanwhile
+                    url = str(stage.announced(start_service(0), SERVICE_S)["url"])
             self._written = _write(wanted, heard, url)
             self._put(url)
             agent = self._start_agent(stage)
@@ -253,14 +273,17 @@ class _Attached:
 
     def _put(self, url: str) -> None:
         """Tell the service of the robot, again while a busy computer does not let it answer."""
-        began_s = time.monotonic()
+        began_s, unanswered = time.monotonic(), False
         while True:
             self._interrupts.check()
             try:
                 return self._put_once(url)
-            except BackendError:
-                if time.monotonic() - began_s > SERVICE_S:
+            except (BackendError, InputError) as error:
+                unanswered = unanswered or isinstance(error, BackendError)
+                # What was not answered may act in the middle of the next try, which is refused then.
+                if not unanswered or time.monotonic() - began_s > SERVICE_S:
                     raise
+            self._interrupts.wait(LOOK_S)
 
     def _put_once(self, url: str) -> None:
         """Tell the service of the robot, as the files say: a new version of what it has already."""
@@ -443,6 +466,13 @@ async def _candidates(wanted: Wanted) -> tuple[dict[str, Callable[..., Hearing]]
     """
     found: dict[str, Callable[..., Hearing]] = {}
     why_not = []
+    if wanted.zenoh is not None:
+        domain, endpoint = _domain(None), wanted.zenoh
+        if not all(map(find_spec, ("zenoh", "xxhash", "rosbags"))):
+            return {}, ["zenoh needs what is installed with: pip install 'robomend-client[zenoh]'"]
+        from robomend_client.bridges.hearing import ZenohHearing
+
+        return {f"domain {domain} at {endpoint}": lambda known=(): ZenohHearing(domain, endpoint, known)}, []
     if wanted.ros1 is None:
         domain = _domain(wanted.ros2)
         if find_spec("cyclonedds") and find_spec("rosbags"):

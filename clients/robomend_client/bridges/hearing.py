@@ -27,9 +27,11 @@ from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting
 
 if TYPE_CHECKING:  # what they need may not be installed
     from robomend_client.bridges.ros1.node import RosNode
+    from robomend_client.bridges.ros2.base import Message
     from robomend_client.bridges.ros2.dds import Sample
     from robomend_client.bridges.ros2.discovered import Endpoint
     from robomend_client.bridges.ros2.node import DdsNode
+    from robomend_client.bridges.zenoh.node import ZenohNode
 
 NAME = "/robomend_attach"
 LOOK_S = 0.5
@@ -53,6 +55,8 @@ JUMP_S = 1.0
 """More than that, and the clock was set."""
 
 PING_S = 1.0
+SETTLED_S = 3.0
+"""After a connection of zenoh was made, all who are there are known."""
 
 LEAST_VALUES = 20
 """Of a field, all different from the one before: then it is one that does not stand still."""
@@ -291,6 +295,75 @@ class Ros2Hearing(Hearing):
 
     def _mismatches(self) -> Mapping[str, str]:
         return {} if self._node is None else self._node.found.mismatches()
+
+    def _actions(self) -> dict[str, str]:
+        return {name: next(iter(nodes)) for name, nodes in self.graph.actions.items() if len(nodes) == 1}
+
+
+class ZenohHearing(Hearing):
+    """A domain of ROS 2 over zenoh."""
+
+    def __init__(self, domain: int, connect: str, known: Collection[str] = ()) -> None:
+        """`connect`: where others are, as zenoh writes it."""
+        origin = {"zenoh": {"domain": domain, "connect": [connect]}}
+        super().__init__(f"domain {domain} of ROS 2 over zenoh at {connect}", origin, known)
+        self._domain = domain
+        self._connect = connect
+        self._node: ZenohNode | None = None
+
+    async def _listen(self) -> None:
+        from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
+        from robomend_client.bridges.zenoh.node import Liveness, ZenohNode
+        from robomend_client.bridges.zenoh.session import NoZenoh, ZenohSession
+
+        readers = MessageReaders(folders_of(os.environ, ()))
+        try:
+            session = await asyncio.to_thread(ZenohSession, (self._connect,), None)
+        except NoZenoh as error:
+            raise ConnectionError(f"no session of zenoh can be opened: {error}") from error
+        node = self._node = ZenohNode(NAME, self._domain, self._connect, self.problems)
+        liveness = Liveness(node, session, SETTLED_S)
+        task = asyncio.create_task(node.run(session))
+        try:
+            looked_s = float("-inf")
+            while not task.done():
+                node.read_now()
+                if time.monotonic() - looked_s >= LOOK_S:
+                    looked_s = time.monotonic()
+                    for topic in self._found(node.graph.graph(), await liveness.look() or {}):
+                        node.subscribe(topic, self._hearing(topic, readers))
+                await beat()
+            task.result()
+        finally:
+            await end([task])
+            session.close()
+
+    def _hearing(self, topic: str, readers: Any) -> Any:
+        from robomend_client.bridges.ros2.names import ros_type
+        from robomend_client.bridges.ros2.stamps import Ages
+
+        ear, ages = self.ears[topic], dict[Any, Ages]()
+
+        def heard(message: Message) -> None:
+            time_ns = now_ns = self.now_ns()
+            if message.stamp_ns is not None:
+                time_ns -= ages.setdefault(message.writer, Ages()).age_ns(message.stamp_ns, now_ns)
+            ear.message(time_ns)
+            if self._looks(topic):
+                try:
+                    opened = readers.open(ros_type(message.wire_type), message.type_hash, message.data)
+                except UnreadableMessage as error:
+                    self.problems.tell(f"messages of {topic}", str(error))
+                    return
+                self._look(topic, message.node, time_ns, opened)
+
+        return heard
+
+    def _latched(self) -> Collection[str]:
+        if self._node is None:
+            return ()
+        told = {topic: self._node.graph.publishers(topic) for topic in self.ears}
+        return {topic for topic, tokens in told.items() if tokens and all(one.latched for one in tokens)}
 
     def _actions(self) -> dict[str, str]:
         return {name: next(iter(nodes)) for name, nodes in self.graph.actions.items() if len(nodes) == 1}

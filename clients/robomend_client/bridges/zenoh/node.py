@@ -191,6 +191,8 @@ class ZenohNode:
             known.add(on_message)
         else:
             self._topics[topic] = ZenohTopic(self.domain, topic, on_message, self.problems)
+            if self._session is not None:
+                self._topics[topic].follow(self._session, self.graph)
 
     def publish(self, topic: str, kind: str) -> OfferedTopic:
         """Offer a topic."""

@@ -167,7 +167,8 @@ def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
     yield "observers:"
     if said.origin:
         names = ", ".join(map(word, first.nodes))
-        yield f"  nodes: {{kind: node, from: {origin}, preset: {origin}, nodes: [{names}]}}"
+        of_ros = "ros1" if origin == "ros1" else "ros2"
+        yield f"  nodes: {{kind: node, from: {origin}, preset: {of_ros}, nodes: [{names}]}}"
     for name, status in first.statuses.items():
         came = said.heard.statuses[status].topic
         every_s = max(came.usual_s, 0.1)
