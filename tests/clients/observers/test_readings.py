@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from tests.clients.observers.driving import SCAN, beat
@@ -21,12 +23,14 @@ from robomend_client.observers import (
     NodeObserver,
     Observer,
     PropertyObserver,
+    Publishers,
     QualitativeObserver,
     Rate,
     Trend,
     Wiring,
     ns,
 )
+from robomend_client.observers.kinds import KINDS, load_kind
 from robomend_client.readings import Reading, Symptom
 
 
@@ -154,3 +158,68 @@ def test_a_reading_that_changes_is_no_news() -> None:
         "not ok(pack)",
         "not ok(scan)",
     ]
+
+
+def _times(source: str, value: object, many: int = 40, hz: float = 10) -> list[tuple[float, str, object]]:
+    return [(k / hz, source, value) for k in range(many)]
+
+
+GOAL = {"goal_info": {"goal_id": {"uuid": [1] * 16}, "stamp": {"sec": 0, "nanosec": 0}}, "status": 6}
+T0 = 1_764_000_000
+UP_AND_DOWN = ["configuring", "inactive", "activating", "active", "deactivating", "inactive"]
+
+BAD: dict[str, tuple[dict[str, object], list[tuple[float, str, object]]]] = {
+    "general": ({"topic": "scan"}, _times("scan", None, 10, 1)),
+    "node": ({"nodes": ["n"]}, _times("processes", [])),
+    "diagnostic": (
+        {"atom": "d", "status": ["d*"]},
+        _times("diagnostics", [{"name": "d: x", "level": 2, "message": "no data", "values": {}}]),
+    ),
+    "multiple": (
+        {"atom": "ok(a)", "in_topic": "ask", "out_topic": "answer"},
+        [(0, "ask", None), (3, "else", None)],
+    ),
+    "qualitative": ({"value": "x", "source": "o:x"}, _times("o:x", 0.42)),
+    "binary_qualitative": (
+        {"atom": "matched(x,y)", "first": "o:x", "second": "i:y"},
+        [(k / 10, s, k / 10 if s == "o:x" else 0.42) for k in range(100) for s in ("o:x", "i:y")],
+    ),
+    "hardware": ({"wiring": {"motor": Wiring(0, 3.0)}}, _times("board", [{"on": True, "current_a": 1.0}])),
+    "property": ({"atom": "p", "source": "b:v", "band": Band(low=22)}, _times("b:v", 19.1)),
+    "goals": ({"atom": "ok(goals,dock)"}, [(1, "dock/_action/status:status_list[-64:]", [GOAL])]),
+    "rosout": (
+        {"atom": "ok(log,camera)"},
+        [(1, "rosout:level,name,msg", {"level": 40, "name": "camera", "msg": "no device"})],
+    ),
+    "lifecycle": (
+        {"atom": "ok(lifecycle,camera)", "source": "s"},
+        [
+            (k, "s", {"start_state.label": before, "goal_state.label": state})
+            for k, (before, state) in enumerate(pairwise(UP_AND_DOWN))
+        ],
+    ),
+    "changing": ({"atom": "ok(moves,imu)", "source": "i:z"}, _times("i:z", 0.42, 200)),
+    "age": (
+        {"atom": "ok(age,scan)", "source": "s"},
+        [(T0 + k / 10, "s", {"sec": T0 - 60, "nanosec": 0}) for k in range(40)],
+    ),
+    "publishers": (
+        {"atom": "ok(publishers,odom)"},
+        [(0, "odom", Publishers(("/a", "/b"))), (5, "odom", None)],
+    ),
+    "qos": ({"atom": "ok(qos,scan)"}, _times("mismatches", {"scan": "/a offers less than /b asks for"})),
+    "restarts": (
+        {"atom": "ok(restarts,laser)"},
+        [(k, "processes", {"laser": k % 2 == 0}) for k in range(12)],
+    ),
+}
+"""Of each kind: how one is made, and what is bad to it."""
+
+
+@pytest.mark.parametrize("kind", KINDS.built_in)
+def test_each_kind_says_what_it_measured_where_something_is_bad(kind: str) -> None:
+    given, samples = BAD[kind]
+    observer = load_kind(kind, Path())(**given)
+    found = of(observer, *samples, until_s=samples[-1][0] + 0.05)
+    said = [one for one in found.values() if isinstance(one, tuple) and one[1] is not None]
+    assert [text for text, _ in said if text], found
