@@ -30,6 +30,7 @@ def test_flags_win_over_environment_over_file_over_defaults(tmp_path: Path) -> N
         ("[1]", "mapping"),
         ("a: [", "YAML"),
         ("max_nesting: 3", "max_nesting"),
+        ("robomend: 1\nname: m", "this is a model, and settings"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_source(tmp_path: Path, text: str, words: str) -> None:

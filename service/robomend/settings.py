@@ -285,6 +285,12 @@ def load(
             if name in GONE:
                 raise SettingsError(f"{source}: {name}: {GONE[name]}")
             if name not in Settings.model_fields:
+                if {"robomend", "hardware"} & given.keys():
+                    raise SettingsError(
+                        f"{source}: this is a model, and settings of the service are wanted, as "
+                        "`robomend config` lists them; `robomend robot put ID robot.yaml --model "
+                        f"{source}` hands in a model"
+                    )
                 near = did_you_mean(name, Settings.model_fields)
                 raise SettingsError(
                     f"{source}: there is no setting {name!r}{near or '; see `robomend config`'}"

@@ -81,7 +81,7 @@ class FoldedEntry:
     @property
     def reasons(self) -> list[str]:
         """Return what was said of why, each once, in the order of the time."""
-        said = (one.reason for one in (*reversed(self.before), self.entry) if one.reason)
+        said = (LONE_COST.sub("", one.reason) for one in (*reversed(self.before), self.entry) if one.reason)
         return list(dict.fromkeys(said))
 
 
