@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -301,7 +301,8 @@ def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
         finally:
             started = (home / "started").read_text().split()
             for pid in started:
-                os.kill(int(pid), signal.SIGTERM)
+                with suppress(ProcessLookupError):
+                    os.kill(int(pid), signal.SIGTERM)
             until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
 
 

@@ -25,6 +25,9 @@ ANSWERS = st.tuples(
     st.none() | st.lists(NAMES, max_size=3),
     st.booleans(),
     st.none() | st.sampled_from(["limit", "time"]),
+    st.booleans(),
+    st.none() | st.integers(0, 9),
+    st.none() | st.integers(0, 9),
 )
 COLUMNS = (*BEFORE, *AFTER)
 

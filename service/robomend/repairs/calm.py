@@ -55,6 +55,9 @@ AT_ONCE_S = 0.35
 TELL_S = 1.0
 """Waits that take longer are written into the record."""
 
+MEANWHILE_S = 8.0
+"""Waits that take longer, as for a device that boots, are time for a repair of what is blamed in any case."""
+
 Diagnose = Callable[[Iterable[Literal]], Awaitable[DiagnosisResult]]
 Choose = Callable[[DiagnosisResult, Iterable[Literal]], Awaitable[Choice]]
 
@@ -109,7 +112,7 @@ class Calm:
                         break
                     result = await self._newest()  # something else came while it was asked
                     continue
-                sure = await self._sure(result) if slowest_s > TELL_S else None
+                sure = await self._sure(result) if slowest_s > MEANWHILE_S else None
                 if sure is not None and self._state.revision == asked_of:
                     return sure
             if not told and slowest_s > TELL_S:
