@@ -53,7 +53,7 @@ async def _slow_reader(url: str) -> None:
         with contextlib.suppress(OSError), await _connection(url) as client:
             await loop.sock_sendall(client, request("GET", "/api/v1/events"))
             while await loop.sock_recv(client, 1):
-                await asyncio.sleep(1.0)
+                await asyncio.sleep(1.0)  # that is what slow means
         await asyncio.sleep(1.0)  # it was thrown out, and comes back
 
 
@@ -66,8 +66,8 @@ async def _slow_writer(url: str, robot: str) -> None:
             await loop.sock_sendall(client, head)
             for position in range(len(letters)):
                 await loop.sock_sendall(client, letters[position : position + 1])
-                await asyncio.sleep(1.0)
-        await asyncio.sleep(1.0)
+                await asyncio.sleep(1.0)  # that is what slow means
+        await asyncio.sleep(1.0)  # it was thrown out, and comes back
 
 
 async def _half_open(url: str) -> None:
@@ -76,4 +76,4 @@ async def _half_open(url: str) -> None:
         with contextlib.suppress(OSError), await _connection(url) as client:
             await loop.sock_sendall(client, b"POST /api/v1/robots/")
             await loop.sock_recv(client, 1)  # nothing comes, until the service has had enough
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(1.0)  # it was thrown out, and comes back
