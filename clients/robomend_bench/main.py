@@ -137,7 +137,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     default=DATA,
     show_default="built in",
-    help="Folder with iscas85/, itc99/ and multi_observation/.",
+    help="Folder with iscas85/, observations/, itc99/, iscas89/ or multi_observation/.",
 )
 @click.option(
     "--out",

@@ -195,6 +195,47 @@ def test_circuits_that_do_not_come_with_the_package_are_read_from_a_folder(tmp_p
     assert suite.prepare("sat", group, wish)(group.questions[0]).result == (1,)
 
 
+C17 = """// MC = 2
+
+observation obs_c17_1
+{
+    i1 && !i2 && i3 && i4 &&
+    !i5 && !o1 && o2;
+}
+[c17,two,[-i1,-i2,-i3,-i4,-i5,o1,-o2]].
+"""
+
+
+def test_observation_sets_of_others_are_read_and_asked(tmp_path: Path) -> None:
+    suite = find_suite("observations")
+    with pytest.raises(InputError, match="where they can be had"):
+        list(suite.groups(Wish(mode="few")))
+    (tmp_path / "observations").mkdir()
+    file = tmp_path / "observations" / "c17.obs"
+    file.write_text(C17)
+    (group,) = suite.groups(Wish(mode="few", data=tmp_path))
+    assert [question.name for question in group.questions] == ["02-obs_c17_1", "02-two"]
+    seen = {str(literal) for literal in group.questions[0].payload}
+    assert seen == {"v(1)", "not v(2)", "v(3)", "v(6)", "not v(7)", "not v(22)", "v(23)"}
+    run = run_suite(suite, Wish(mode="few", data=tmp_path), ("sat", "rc2", "rc2-exhaust"), repeats=1)
+    assert run.disagreements == ()
+    assert {sample.status for sample in run.samples} == {"ok"}
+    for text, said in (("nothing", "no observation"), (C17.replace("o2", "o3"), "line 3: 'o3'.*o1 to o2")):
+        file.write_text(text)
+        with pytest.raises(InputError, match=said):
+            list(suite.groups(Wish(mode="few", data=tmp_path)))
+
+
+def test_an_output_that_is_an_input_says_nothing_of_gates(tmp_path: Path) -> None:
+    for folder in ("iscas85", "observations"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "iscas85" / "c17.bench").write_text("INPUT(a)\nOUTPUT(a)\nOUTPUT(b)\nb = NOT(a)\n")
+    (tmp_path / "observations" / "c17.obs").write_text("[c17,1,[i1,-o1,o2]].")
+    suite, wish = find_suite("observations"), Wish(mode="first", data=tmp_path)
+    (group,) = suite.groups(wish)
+    assert suite.prepare("sat", group, wish)(group.questions[0]).result == (1,)
+
+
 class Odd:
     """A suite whose contenders misbehave; found in the child by the name of this module."""
 

@@ -6,6 +6,7 @@ import random
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import cycle, islice
+from pathlib import Path
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Engine, Options
@@ -154,7 +155,7 @@ class Circuits:
         """Yield a group a circuit. The questions of a circuit depend on the seed and its name only."""
         for name in wish.only or self._by_default:
             text = self.text(name, wish)
-            cnf = _compiled(text, name)
+            cnf = compiled(text, name)
             sizes = wish.sizes or (self._sizes if wish.mode in ONE else None)
             wanted = None if sizes == "any" else sizes
             questions = questions_about(text, cnf, f"{wish.seed} {name}", wanted, wish)
@@ -166,16 +167,20 @@ class Circuits:
         Raises:
             InputError: there is none of this name.
         """
-        path = wish.data / self.name / f"{name}.bench"
+        path = self.circuit_file(name, wish)
         if not path.is_file():
             known = f"choose from {', '.join(self._circuits)}, or give --data DIR"
             raise InputError(f"no circuit {path}: {known}{self._source}")
         return path.read_text()
 
+    def circuit_file(self, name: str, wish: Wish) -> Path:
+        """Return where a circuit is."""
+        return wish.data / self.name / f"{name}.bench"
+
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one circuit."""
         if wish.mode in COLD:
-            return contenders.prepare_cold(contender, lambda: _compiled(group.model, group.name), wish)
+            return contenders.prepare_cold(contender, lambda: compiled(group.model, group.name), wish)
         if wish.mode in ("once", "structure"):
             return contenders.prepare_cold(contender, lambda: _uncached(group.model), wish)
         return contenders.prepare(contender, group.model, group, wish)
@@ -183,11 +188,12 @@ class Circuits:
     def exported(self, question: Question, group: Group) -> Exported:
         """Return the observation of the circuit."""
         cold = isinstance(group.model, str)
-        cnf = _compiled(group.model, group.name) if cold else group.model
+        cnf = compiled(group.model, group.name) if cold else group.model
         return DiagnosisProblem(cnf, [question.payload])
 
 
-def _compiled(text: str, name: str) -> HealthCnf:
+def compiled(text: str, name: str) -> HealthCnf:
+    """Return the clauses of a circuit."""
     return load_text(text, name=name, file=f"{name}.bench", format="bench").cnf
 
 
