@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -91,3 +92,23 @@ def test_what_cannot_be_read_is_said(
     bad.write_bytes(b"#ROSBAG V2.0\nnothing more")
     assert run(["model", "from-ros", *(str(bad) if a == "BAG" else a for a in arguments)]) == code
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<launch/>", "no node is started there: give the files that start nodes"),
+        ('<launch><include file="$(find nav)/all.launch"/></launch>', "leaves open.*nav.*all.launch"),
+        (
+            '<launch><node name="rviz" pkg="rviz" type="rviz"/></launch>',
+            "only tools or what had ended: /rviz",
+        ),
+    ],
+)
+def test_a_launch_file_without_a_node_of_the_robot_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    file = tmp_path / "robot.launch"
+    file.write_text(text)
+    assert run(["model", "from-ros", "--launch", str(file)]) == 2
+    assert re.search(said, capsys.readouterr().err)

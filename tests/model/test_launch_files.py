@@ -290,3 +290,26 @@ def test_namespaces_arguments_and_remaps_go_through_a_launch_description_as_robo
         "/r3/base": (("/tf", "/r3/tf"), ("cmd_vel", "/cmd_nav")),
     }
     assert found.questions == ("r.py, line 29: what does /lidar.launch.py start, which it includes?",)
+
+
+def test_a_file_beside_it_is_read_and_a_remap_that_changes_nothing_is_not_said() -> None:
+    text = """
+from launch import LaunchDescription
+here = os.path.dirname(os.path.realpath(__file__))
+remaps = [("/tf", "tf"), ("scan", "/front/scan")]
+def generate_launch_description():
+    return LaunchDescription([
+        IncludeLaunchDescription(PythonLaunchDescriptionSource([ThisLaunchFileDir(), "/first.launch.py"])),
+        IncludeLaunchDescription(PythonLaunchDescriptionSource(os.path.join(here, "second.launch.py"))),
+        Node(package="nav", executable="planner", name="planner", remappings=remaps),
+    ])
+"""
+    beside = 'LaunchDescription([Node(package="a", executable="b", name="{}")])'
+    files = {f"./{name}.launch.py": beside.format(name) for name in ("first", "second")}
+    found = read_launch(text, "robot.launch.py", files.get)
+    assert {node.name: node.said for node in found.nodes} == {
+        "/first": "a/b",
+        "/second": "a/b",
+        "/planner": "nav/planner, scan is /front/scan",
+    }
+    assert found.questions == ()

@@ -83,6 +83,10 @@ def command(
     heard = with_files(heard, launch, analyzers)
     if heard.graph.nodes or heard.launched:
         click.echo(first_model(heard, name).text, nl=False)
+    elif launch and not analyzers:
+        open_ = "; ".join(heard.remarks)
+        why = f"; it leaves open: {open_}" if open_ else ": give the files that start nodes"
+        raise InputError(f"{heard.source}: no node is started there{why}")
     else:
         groups = {status: group for file in analyzers for status, group in _groups(file).items()}
         click.echo(model_of_groups(groups, name, heard.source), nl=False)

@@ -262,9 +262,9 @@ class _Draft:
         self.missing = sorted(launched - here)
         self.nodes = sorted(node for node in here - gone if not _is_any_of(node, TOOLS))
         if not self.nodes:
-            raise InputError(
-                f"{heard.source}: there is no node of the robot's own, of {len(self.graph.nodes)}"
-            )
+            tools = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
+            beside = f", only tools or what had ended: {tools}" if tools else ""
+            raise InputError(f"{heard.source}: there is no node of the robot's own{beside}")
         self.topics = self._topics(gone)
         found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
         self.steady = {topic: one for topic, one in found.items() if isinstance(one, SteadyTopic)}

@@ -47,7 +47,8 @@ class LaunchedNode:
         """What is said of it, in a line."""
         parts = [f"{self.package}/{self.executable}".strip("/")]
         parts += [f"in {self.container.removeprefix('/')}"] if self.container else []
-        parts += [f"{old} is {new}" for old, new in self.remaps]
+        namespace = self.name.rpartition("/")[0]  # /tf to tf, as people write it, changes nothing there
+        parts += [f"{old} is {new}" for old, new in self.remaps if _joined(namespace, old) != new]
         return ", ".join(part for part in parts if part)
 
 
@@ -560,6 +561,8 @@ class _Python:
                 if name is not None and name not in scope.arguments and depth < 10:
                     return self._text(_argument(value, "default", 1), scope, depth + 10)
                 return None if name is None else scope.arguments.get(name)
+            if called == "ThisLaunchFileDir" or (called == "dirname" and "__file__" in ast.dump(value)):
+                return "."
             if called == "TextSubstitution":
                 return self._text(_argument(value, "text", 0), scope, depth + 1)
             if called in ("EnvironmentVariable", "get") and len(value.args) + len(value.keywords) > 1:
