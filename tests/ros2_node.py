@@ -14,6 +14,7 @@ import importlib
 import json
 import sys
 import threading
+import time
 from collections.abc import Callable
 from functools import reduce
 from typing import Any
@@ -165,6 +166,29 @@ class Commands:
         """Make a transition of a node with a lifecycle."""
         getattr(self.others[line["name"]], f"trigger_{line['transition']}")()
 
+    def manage(self, line: dict[str, Any]) -> None:
+        """Manage the lifecycles of `nodes` as nav2 does: bring all up, and take all down when one is gone."""
+        from lifecycle_msgs.srv import ChangeState
+
+        made = {name: self.node.create_client(ChangeState, f"{name}/change_state") for name in line["nodes"]}
+
+        def change(wait_s: float, *transitions: int) -> None:
+            for transition in transitions:
+                for client in made.values():
+                    if client.wait_for_service(wait_s):
+                        request = ChangeState.Request()
+                        request.transition.id = transition
+                        client.call_async(request)
+                time.sleep(0.5)  # as long as a transition may take
+
+        def watch() -> None:
+            change(60.0, 1, 3)  # configure, activate
+            while all(client.service_is_ready() for client in made.values()):
+                time.sleep(0.2)  # as its bond does
+            change(1.0, 4)  # deactivate
+
+        threading.Thread(target=watch, daemon=True).start()
+
     def log(self, line: dict[str, Any]) -> None:
         """Write a line of a level."""
         logger, text = self.node.get_logger(), line["text"]
@@ -250,8 +274,6 @@ class Commands:
         """An action server that counts as far as it is asked to, or waits until it is cancelled; a goal of
         13 is aborted.
         """
-        import time
-
         from rclpy.action import ActionServer, CancelResponse
         from rclpy.callback_groups import ReentrantCallbackGroup
         from test_msgs.action import Fibonacci

@@ -39,6 +39,7 @@ class RosGraph:
     types: Mapping[str, str] = field(default_factory=dict)  # of topics, as pkg/Name
     rates_hz: Mapping[str, float] = field(default_factory=dict)  # of topics, where they were measured
     actions: Table = field(default_factory=dict)  # action servers of ROS 2 -> nodes
+    clients: Table = field(default_factory=dict)  # services of ROS 2 -> nodes that may call them
 
     @property
     def nodes(self) -> frozenset[str]:
@@ -62,6 +63,7 @@ class RosGraph:
             subscribers=table(self.subscribers),
             services=table(self.services),
             actions=table(self.actions),
+            clients=table(self.clients),
         )
 
 
@@ -176,6 +178,7 @@ class Heard:
             publishers=table(self.graph.publishers),
             subscribers=table(self.graph.subscribers),
             services=table(self.graph.services),
+            clients=table(self.graph.clients),
         )
         statuses = {
             name: status

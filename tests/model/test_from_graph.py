@@ -252,6 +252,28 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     files_of(Described("rover", heard=found, origin=found.origin))
 
 
+def test_what_a_lifecycle_manager_takes_down_is_explained_by_the_one_that_failed() -> None:
+    servers = ("/planner", "/controller", "/navigator")
+    nodes: dict[str, tuple[list[str], list[str]]] = {name: ([], []) for name in (*servers, "/manager")}
+    found = heard({}, nodes, lifecycle=dict.fromkeys(servers, "active"), origin={"ros2": {"domain": 7}})
+    clients = {f"{name}/change_state": frozenset({"/manager", "/rviz2"}) for name in servers}
+    services = {f"{name}/x": frozenset({name}) for name in nodes}
+    model = load_text(
+        first_model(replace(found, graph=RosGraph({}, {}, services, clients=clients)), "r").text
+    )
+
+    def blamed(*seen: Literal) -> list[tuple[str, ...]]:
+        found = make_engine("sat", model.cnf).diagnose(seen).diagnoses
+        return sorted(tuple(sorted(one.bad)) for one in found)
+
+    down = [fails("ok", f"lifecycle_{name.strip('/')}") for name in servers]
+    assert blamed(fails("running", "planner"), *down) == [("planner",)]
+    assert blamed(*down) == [("controller",), ("manager",), ("navigator",), ("planner",)]
+    assert blamed(down[0], holds("ok", "lifecycle_controller")) == [("planner",)]
+    assert blamed(*down[:2], holds("ok", "lifecycle_navigator")) == [("controller", "planner")]
+    assert check(model) == ()
+
+
 def test_what_no_longer_reaches_its_listeners_is_its_publishers_fault_and_not_theirs() -> None:
     nodes: dict[str, tuple[list[str], list[str]]] = {
         "/base": (["/odom"], []),

@@ -212,6 +212,29 @@ def test_what_nodes_show_beside_their_topics_is_put_to_them_too(tmp_path: Path) 
 
 
 @pytest.mark.timeout(400)
+def test_when_a_lifecycle_manager_takes_all_down_the_node_that_failed_is_named(tmp_path: Path) -> None:
+    servers = ("planner", "controller", "navigator")
+    with ros2_robot(tmp_path) as ros:
+        for name in servers:
+            ros.node(f"{name}_host").do("lifecycle", name=f"{name}_server")
+        ros.node("manager").do("manage", nodes=[f"/{name}_server" for name in servers])
+        with attached(tmp_path, ros.environment, *README) as attach:
+            attach.until_said(r"\) healthy$")
+            ros.nodes["controller_host"].kill()
+            attach.until_said(r"unhealthy: controller_host and controller_server$")
+            page = attach.until_said("^the page: ").removeprefix("the page: ")
+            url, _, robot = page.partition("/ui/robots/")
+            down = [f"not ok(lifecycle_{name}_server)" for name in servers if name != "controller"]
+
+            def seen() -> str:
+                return httpx.get(f"{url}/api/v1/robots/{robot}/observations", timeout=60).text
+
+            until(lambda: all(one in seen() for one in down), "the others were taken down", MOST_S)
+            found = httpx.get(f"{url}/api/v1/robots/{robot}/diagnosis", timeout=60).json()["result"]
+            assert [one["bad"] for one in found["diagnoses"]] == [["controller_host", "controller_server"]]
+
+
+@pytest.mark.timeout(400)
 def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path) -> None:
     kind = "std_msgs/String"
 

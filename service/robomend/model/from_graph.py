@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -303,12 +304,13 @@ class _Draft:
             said = {name: comment(status) for name, status in statuses.items()}
             own = signs.keys() - self.meetings.values()
             said |= {name: SIGNS[str(keys["kind"])] for name, keys in signs.items() if name in own}
+            managed = self._managed(signs, blamed)
+            for manager, whole in managed.values():
+                said[whole] = f"nobody reports it: {comment(manager)} takes all down when one of them fails"
             if said:
                 lines += ["", "properties:                   # what nodes say of themselves"]
                 lines += [f"  {word(name)}: {{}}    # {why}" for name, why in said.items()]
-            lines += ["", "rules:"]
-            rules = (f"not ab({word(node)}) -> {holds('ok', name)}" for name, node in blamed.items())
-            lines += [f"  - {_quoted(rule)}" for rule in rules]
+            lines += ["", "rules:", *(f"  - {_quoted(rule)}" for rule in _rules(blamed, managed))]
         offered = [one for one in offered_remedies(self.graph) if one.node in self.nodes]
         if offered:
             lines += [
@@ -505,6 +507,24 @@ class _Draft:
                         self.meetings[topic] = named
         return found
 
+    def _managed(
+        self, signs: Mapping[str, Mapping[str, str | float]], blamed: Mapping[str, str]
+    ) -> dict[str, tuple[str, str]]:
+        """Return, of states of lifecycles, who manages that node and others, and the property of them all.
+
+        A lifecycle manager takes down all that it manages when one of them fails: one fault explains all.
+        """
+        manager: dict[str, str] = {}
+        for state in (name for name, keys in signs.items() if keys["kind"] == "lifecycle"):
+            node = f"/{blamed[state]}"
+            callers = self.graph.clients.get(f"{node}/change_state", frozenset()) & {*self.nodes} - {node}
+            if len(callers) == 1:
+                [manager[state]] = callers
+        shared = [node for node, count in Counter(manager.values()).items() if count > 1]
+        taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)} | blamed.keys()
+        called = {node: slug(f"managed_by_{node}", taken) for node in shared}
+        return {state: (node, called[node]) for state, node in manager.items() if node in called}
+
     def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
         """Return the node that a status speaks of: what its name begins with, or else its publisher."""
         named = status.partition(":")[0].strip().strip("/*")
@@ -561,6 +581,19 @@ class _Draft:
         self.asked += self.heard.remarks
 
 
+def _rules(blamed: Mapping[str, str], managed: Mapping[str, tuple[str, str]]) -> Iterator[str]:
+    """Yield the rules: what is said of nodes, and what those have in common that somebody manages."""
+    for name, node in blamed.items():
+        together = f" and {holds('ok', managed[name][1])}" if name in managed else ""
+        yield f"not ab({word(node)}){together} -> {holds('ok', name)}"
+    for manager, whole in dict.fromkeys(managed.values()):
+        states = [state for state, of in managed.items() if of == (manager, whole)]
+        nodes = (manager, *(blamed[state] for state in states))
+        yield " and ".join(f"not ab({word(node)})" for node in nodes) + f" -> {holds('ok', whole)}"
+        for state in states:
+            yield f"{holds('ok', state)} -> {holds('ok', whole)}"
+
+
 def _legal(graph: RosGraph) -> RosGraph:
     """Return the graph without names that no model can have; ROS has none, recordings may."""
 
@@ -578,6 +611,7 @@ def _legal(graph: RosGraph) -> RosGraph:
         publishers=table(graph.publishers),
         subscribers=table(graph.subscribers),
         services=table(graph.services),
+        clients=table(graph.clients),
     )
 
 

@@ -206,6 +206,7 @@ class Discovered:
         publishers: dict[str, set[str]] = defaultdict(set)
         subscribers: dict[str, set[str]] = defaultdict(set)
         services: dict[str, set[str]] = defaultdict(set)
+        clients: dict[str, set[str]] = defaultdict(set)
         actions: dict[str, set[str]] = defaultdict(set)
         types: dict[str, str] = {}
         for endpoint in self._others():
@@ -216,14 +217,15 @@ class Discovered:
             if topic is not None and "/_action/" not in topic:
                 (publishers if endpoint.writes else subscribers)[topic].add(node)
                 types[topic] = ros_type(endpoint.type)
-            elif service is not None and not endpoint.writes:
-                services[service].add(node)
+            elif service is not None:
+                (clients if endpoint.writes else services)[service].add(node)
         return RosGraph(
             {name: frozenset(found) for name, found in publishers.items()},
             {name: frozenset(found) for name, found in subscribers.items()},
             {name: frozenset(found) for name, found in services.items()},
             types,
             actions={name: frozenset(found) for name, found in actions.items()},
+            clients={name: frozenset(found) for name, found in clients.items()},
         )
 
     def mismatches(self) -> dict[str, str]:

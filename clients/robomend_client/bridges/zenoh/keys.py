@@ -258,7 +258,7 @@ class Graph:
 
     def graph(self) -> RosGraph:
         """Return it as any ROS graph."""
-        kinds = (PUBLISHER, SUBSCRIBER, SERVER)
+        kinds = (PUBLISHER, SUBSCRIBER, SERVER, CLIENT)
         tables: dict[str, dict[str, set[str]]] = {kind: defaultdict(set) for kind in kinds}
         types: dict[str, str] = {}
         actions: dict[str, set[str]] = defaultdict(set)
@@ -267,13 +267,13 @@ class Graph:
                 actions[token.topic.removesuffix(GOALS_END)].add(token.node)
             if token.kind in tables and token.session != self.own and "/_action/" not in token.topic:
                 tables[token.kind][token.topic].add(token.node)
-                if token.kind != SERVER:
+                if token.kind in (PUBLISHER, SUBSCRIBER):
                     types[token.topic] = ros_type(token.type)
-        publishers, subscribers, services = (
+        publishers, subscribers, services, clients = (
             {name: frozenset(found) for name, found in table.items()} for table in tables.values()
         )
         served = {name: frozenset(found) for name, found in actions.items()}
-        return RosGraph(publishers, subscribers, services, types, actions=served)
+        return RosGraph(publishers, subscribers, services, types, actions=served, clients=clients)
 
     def mismatches(self) -> dict[str, str]:
         """Return the topics of which no message goes from a publisher to a subscriber, and why.
