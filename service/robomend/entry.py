@@ -29,6 +29,7 @@ class Entry:
     reading: Reading | None = None  # what was measured; no rule reads it
     by_source: tuple[LastWord, ...] = field(default=(), compare=False)
     """Of what OBS holds, where several sources speak of the atom: the last word of each."""
+    deaf: bool = False  # that it is silent is said by who never heard it: no change was seen
 
     @property
     def atom(self) -> Atom:

@@ -79,6 +79,36 @@ def test_its_beginning_and_end_are_events_and_no_more(service: Service) -> None:
     assert told(service, "news") == []
 
 
+def test_a_second_agent_that_never_heard_a_topic_is_no_alarm(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1")
+    seen: set[str] = set()
+
+    def report(source: str, sentence: str, evidence_s: float, reading: dict[str, Any] | None) -> None:
+        now = time.time_ns()
+        answer = service.observe(
+            sentence,
+            source=source,
+            time=now,
+            since=[now - round(evidence_s * S)],
+            lifetime_s=60,
+            readings=[reading],
+        )
+        assert answer.status_code == 200, answer.text
+        asked = service.diagnosis("r1", wait_s=20, after=answer.json()["revision"] - 1)
+        seen.update(*(each["bad"] for each in asked["result"]["diagnoses"]))
+
+    silent = {"value": "0 of 10 Hz for 0.5 s", "symptom": "silent"}
+    report("pc1", "ok(scan)", 1.8, None)
+    for restarted in (False, True):
+        service = start() if restarted else service
+        report("pc2", "not ok(scan)", 0.5, silent)
+        report("pc1", "ok(scan)", 1.8, None)
+        report("pc2", "not ok(scan)", 0.5, silent)
+        assert scan(service, "r1")["contradicted"]
+    assert seen == set()
+
+
 def test_a_restart_forgets_neither_contradiction_nor_words(start: StartService) -> None:
     first = start()
     first.with_robot("r1")

@@ -147,6 +147,8 @@ def test_the_sources_of_an_atom_are_bounded() -> None:
     assert len(obs) == 1
 
 
+Row = tuple[str, bool, int, int, int | None, int, bool]
+
 REPORTS = st.lists(
     st.tuples(
         st.sampled_from("abc"),
@@ -155,18 +157,20 @@ REPORTS = st.lists(
         st.integers(0, 12),  # … and the beginning of it
         st.sampled_from([None, 3, 9]),
         st.integers(1, 6),  # after the report before
+        st.booleans(),  # whether who reports that it is silent never heard it
     ),
     min_size=1,
     max_size=9,
 )
 
 
-def reported(rows: Sequence[tuple[str, bool, int, int, int | None, int]]) -> list[Entry]:
+def reported(rows: Sequence[Row]) -> list[Entry]:
     found, at = [], 100
-    for source, holds, since, onset, lifetime, gap in rows:
+    for source, holds, since, onset, lifetime, gap, never in rows:
         at += gap
         begin = at - since
-        found.append(said(source, holds, at, begin, min(begin, at - onset), lifetime))
+        report = said(source, holds, at, begin, min(begin, at - onset), lifetime)
+        found.append(replace(report, deaf=never and not holds))
     return found
 
 
@@ -178,9 +182,7 @@ def state(obs: Obs, at_s: float) -> tuple[object, ...]:
 
 
 @given(REPORTS, st.data())
-def test_the_order_of_arrival_does_not_matter(
-    rows: Sequence[tuple[str, bool, int, int, int | None, int]], data: st.DataObject
-) -> None:
+def test_the_order_of_arrival_does_not_matter(rows: Sequence[Row], data: st.DataObject) -> None:
     in_time = reported(rows)
     shuffled = data.draw(st.permutations(in_time))
     at_s = in_time[-1].time_ns / S
@@ -189,7 +191,7 @@ def test_the_order_of_arrival_does_not_matter(
 
 @given(REPORTS)
 def test_what_is_known_was_said_by_somebody_who_counts(
-    rows: Sequence[tuple[str, bool, int, int, int | None, int]],
+    rows: Sequence[Row],
 ) -> None:
     """Where all say the same, that is known; the cached answer is the true one, and so is the rebuilt one."""
     obs = Obs()
@@ -205,3 +207,32 @@ def test_what_is_known_was_said_by_somebody_who_counts(
         assert obs.known_literals(at_ns) == frozenset(obs.literals(at_ns))
         assert len(changed) <= 1
         assert Obs(obs.entries()).get(SCAN) == entry
+
+
+def deaf(at_s: float, since_s: float, lifetime_s: float | None = 5) -> Entry:
+    """Return the report of a second agent that has never heard the scan."""
+    return replace(said("b", False, at_s, since_s, lifetime_s=lifetime_s), deaf=True)
+
+
+@pytest.mark.parametrize("heard", [(2.0,), (1.0, 2.0)], ids=["once", "again and again"])
+def test_who_never_heard_it_says_no_news_beside_one_who_hears_it(heard: Sequence[float]) -> None:
+    obs = after(*(said("a", True, at, at - 1.8, 0) for at in heard))
+    seen = []
+    for report in (deaf(2.3, 1.8), said("a", True, 3, 1.2, 0), deaf(3.3, 2.8), said("a", True, 4, 2.2, 0)):
+        obs.update([report])
+        seen.append(obs.known(SCAN, report.time_ns))
+        assert names(obs, report.time_ns / S) in ([], [(["a"], ["b"], None)])
+    assert seen == [None] * 4
+    assert names(obs, 4) == [(["a"], ["b"], None)]
+    # Once nobody hears it any more, it is silent; and what the deaf one hears is heard.
+    obs.update([said("a", False, 5, 4.5, 4.4)])
+    assert known(obs, 5) is False
+    obs.update([said("b", True, 5.5, 5.2)])
+    obs.update([said("a", True, 5.6, 5.2)])
+    assert known(obs, 5.6) is True
+
+
+def test_who_never_heard_it_is_believed_where_nobody_else_speaks() -> None:
+    assert known(after(deaf(2.3, 1.8)), 2.3) is False
+    lapsed = after(said("a", True, 1, 0.5, 0), said("a", True, 2, 1.5, 0), deaf(6, 5.5), deaf(8, 7.5))
+    assert known(lapsed, 8) is False

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import random
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import patch
+
+import pytest
 
 from robomend.planning.policy import Policy
 from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, Flapping
@@ -90,3 +93,35 @@ def test_what_was_given_up_on_and_only_not_heard_of_is_tried_again_more_and_more
         assert [then - before for before, then in pairwise(begun)] == [2.0, 60.0, 120.0, 240.0]
         begins(state())  # it was seen to be well
         assert begins(state(*LIDAR))
+
+
+RUNS, IMAGE, DEPTH = (Atom("running", ("left",)), Atom("ok", ("image",)), Atom("ok", ("depth",)))
+HEARD_OF = (frozenset[Atom](), frozenset({DEPTH}), frozenset({RUNS, DEPTH}), frozenset({RUNS, IMAGE, DEPTH}))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_heard_of_in_part_is_no_new_fault_whoever_else_may_be_blamed_for_that_part(seed: int) -> None:
+    """One camera is down for ever; those who report it are starved, each when it likes."""
+    now_s, then, rng = 1000.0, frozenset({RUNS, IMAGE, DEPTH}), random.Random(seed)
+    heard = [(rng.choice(HEARD_OF), rng.choice([0.5, 1.0, 7.0])) for _ in range(200)]
+
+    def state(known: frozenset[Atom]) -> Any:
+        bad = (("left",),) if RUNS in known else (("left",), ("merge",), ("right",)) if known else ()
+        sight = SimpleNamespace(
+            lapsed_bad=lambda: tuple(then - known), may_be_late_s=lambda atoms: 0.0, symptoms=lambda: then
+        )
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
+        config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
+        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
+
+    found, begun = ReasonsToRepair(), list[float]()
+    with patch("time.monotonic", lambda: now_s):
+        for known, for_s in [(then, 1.0), *heard]:
+            robot = state(known)
+            if found.wait_s(cast(Any, robot), Policy(), Stop()) == 0.0:
+                begun.append(now_s)
+                found.gave_up(frozenset(robot.current.bad_sets), None, then, interlocked=False)
+            now_s += for_s
+    # The first time at once, as by an agent that went away and came back.
+    gaps = [after - before for before, after in pairwise(begun)]
+    assert all(gap >= LAPSED_S * 2**n for n, gap in enumerate(gaps[1:]))

@@ -13,6 +13,7 @@ from tests.repairs.robot import (
     SHUT_DOWN,
     Robot,
     robot_on,
+    running,
     service,
     the_repair,
     with_recalibrate,
@@ -23,8 +24,11 @@ from robomend.errors import Overloaded
 from robomend.repairs import reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.looking import DENIED
+from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.robots import start_ups
+from robomend.robots.batches import Batch
 from robomend.robots.reporters import Reporter
+from robomend.store.records import StoredRepair
 
 pytestmark = pytest.mark.anyio
 
@@ -361,3 +365,51 @@ async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boo
     assert repair["state"] == "repaired"
     assert robot.done.count("power_up(base)") == 1
     assert robot.done.count("start_node(base_node)") == 3
+
+
+class Forgetful(Robot):
+    """What it reports lives for a moment only."""
+
+    async def report(self) -> None:
+        if not self.silent:
+            batch = Batch(self.sentences(), source="test robot", lifetime_s=0.4)
+            await self.robots.observe(self.id, batch)
+
+
+async def test_what_is_not_heard_of_when_its_repair_is_begun_is_not_begun_again_and_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy computer it may lapse between the reason and the repair."""
+    carry_out, ends = RobotRepairs._carry_out, list[str]()
+
+    async def late(self: RobotRepairs, repair: StoredRepair) -> None:
+        robot.silent = True
+        await settles(runtime, healthy=True)
+        await carry_out(self, repair)
+        ends.append(repair.id)
+        robot.silent = False
+
+    async def settles(runtime: Any, *, healthy: bool) -> None:
+        async with asyncio.timeout(20):
+            while True:
+                state = await runtime.robots.memory.robot("r1")
+                if state.current is not None and state.current.healthy is healthy:
+                    return
+                await asyncio.sleep(0.01)  # until the next look
+
+    monkeypatch.setattr(RobotRepairs, "_carry_out", late)
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, observed_timeout_s=0.5):
+            pass
+        robot = Forgetful(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.settled()
+            robot.cut("lidar")
+            async with asyncio.timeout(60):
+                while len(ends) < 2:
+                    await asyncio.sleep(0.05)  # until the next look
+            await settles(runtime, healthy=False)  # heard of again: the next try is in a minute
+            await asyncio.sleep(1.0)  # time itself: in which nothing may begin
+            found = list(await runtime.repairs.repairs("r1", before=None, limit=9))
+        assert len(found) == 2, [one["reason"] for one in found]
+        assert robot.done == []

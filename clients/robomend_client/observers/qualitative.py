@@ -9,7 +9,8 @@ that long. A value of an angle that wraps around has `wraps_at` (360, or 6.28318
 
 A value that moves in steps (whole seconds, ticks of an encoder) stands between them. So the window is three
 of its steps at least: of whole-second stamps over one second the line would rise and stand in turn. When it
-stands for more than two steps, or three windows, it stands.
+stands for more than two steps, or three windows, it stands. Of whole numbers that stood for a moment nothing
+is said after a reset until one step was seen as a whole, or they stand.
 
 A line needs three samples over half the window; without, and when no sample came for a whole window,
 nothing is said. What is not a number (NaN, infinite) is left out.
@@ -99,6 +100,7 @@ class TrendOf:
         self._grain_ns = 0
         self._holds: deque[int] = deque(maxlen=HOLDS)  # for how long the value stood between its newest steps
         self._stretched_ns = 0  # by so much is the window longer
+        self._steps = False  # whether its values are whole numbers
         self._turn = expected.wraps_at
         self.reset()
 
@@ -108,7 +110,8 @@ class TrendOf:
         self._upper, self._lower = self._limits[None]
         self._newest_ns = self._ends_ns = PAST_NS  # of the newest sample, and when it says nothing any more
         self._value, self._changed_ns, self._slope = math.nan, time_ns, 0.0
-        self._repeated = False
+        self._repeated = self._stood = False
+        self._whole_hold = False  # whether it was seen from its beginning: the first one began unseen
         self._raw: float | None = None
         self._unwrapped = 0.0
         self._next: int | None = None  # the trend that must last, and since when it does
@@ -134,14 +137,19 @@ class TrendOf:
         slope = self._add(time_ns, reading)
         if reading == self._value:
             self._repeated = True
+            self._stood = self._stood or time_ns > self._changed_ns
             if self._stretched_ns and time_ns - self._changed_ns > 2 * self._grain_ns:
                 self._holds.clear()  # it stands, for longer than between steps
                 self._stretch(0)
         else:
-            if self._repeated or self._holds:
+            if self._whole_hold and (self._repeated or self._holds):
                 self._stepped(time_ns)
+            first = math.isnan(self._value)
+            self._stood = self._stood and self._repeated
+            self._whole_hold = not first
+            self._steps = type(value) is int
             self._value, self._changed_ns, self._repeated = reading, time_ns, False
-        if slope is None:
+        if slope is None or (self.now is None and self._may_step(time_ns)):
             return
         self._slope = slope
         trend = INC if slope > self._upper else DEC if slope < self._lower else CONST
@@ -155,6 +163,17 @@ class TrendOf:
     def stretched_s(self) -> float:
         """By how many seconds the window is longer, for the value's steps."""
         return self._stretched_ns / SECOND
+
+    @property
+    def steps_within_s(self) -> float:
+        """How long it may take after a reset, besides, until a step is seen as a whole, or it stands."""
+        unknown = self._steps and self._stood and not self._holds
+        return (2 * LONGEST_STEP - 1) * self._window_ns / SECOND if unknown else 0.0
+
+    def _may_step(self, time_ns: int) -> bool:
+        """Whether it stood, and may do so between two steps, of which none was seen as a whole yet."""
+        longest_ns = LONGEST_STEP * self._window_ns
+        return self._steps and self._stood and not self._holds and time_ns - self._changed_ns < longest_ns
 
     def _stepped(self, time_ns: int) -> None:
         """The value has changed: how long did it stand before, again and again?"""
@@ -222,7 +241,7 @@ class QualitativeObserver(TrendOf):
 
     @property
     def settling_s(self) -> float:
-        return self._delay_s + self.stretched_s
+        return self.detection_s + self.steps_within_s
 
     def due_ns(self) -> int | None:
         ends_ns = self._ends_ns

@@ -17,6 +17,8 @@ evidence, and `from`, the beginning of the first evidence of saying so (the onse
 - Of two that are alive and say the opposite, a word gives way to one that began after all of its evidence
   (since < from of the other): the other saw a change that this source cannot have seen yet. It does not count
   again for being repeated with evidence from before.
+- Who reports silence and never heard the topic (`deaf`) has seen no change: nobody gives way to that, and it
+  is no news beside a word whose lifetime is not over.
 - Where neither gives way, each has seen the opposite while the other stood by its own: they contradict each
   other. The atom is unknown then (`Entry.contradicted`), unless a `Belief` decides.
 
@@ -439,7 +441,8 @@ def standing(words: Sequence[LastWord]) -> list[Entry]:
     if until_ns(newest) is None:
         return [newest.entry]
     at_ns = newest.entry.time_ns
-    alive = [word.entry for word in words if word is newest or (until_ns(word) or 0) > at_ns]
+    ends = (((w.entry.expires_ns if newest.entry.deaf else None) or until_ns(w) or 0, w) for w in words)
+    alive = [word.entry for end_ns, word in ends if word is newest or end_ns > at_ns]
     return [entry for entry in alive if not any(_gives_way(entry, other) for other in alive)]
 
 
@@ -462,7 +465,7 @@ def until_ns(word: LastWord) -> int | None:
     """Return until when the source of a word is alive; None: it does not repeat itself."""
     entry = word.entry
     if word.before_ns is None:
-        return None
+        return entry.expires_ns if entry.deaf else None
     gap_ns = entry.time_ns - word.before_ns
     if entry.expires_ns is None:
         return entry.time_ns + REPEATS * gap_ns if gap_ns <= MOST_GAP_NS else None
@@ -471,7 +474,7 @@ def until_ns(word: LastWord) -> int | None:
 
 def _gives_way(entry: Entry, other: Entry) -> bool:
     """Return whether a word does not count beside another; the one with the youngest evidence always does."""
-    return other.positive is not entry.positive and _from_ns(other) > _since_ns(entry)
+    return other.positive is not entry.positive and not other.deaf and _from_ns(other) > _since_ns(entry)
 
 
 def _from_ns(entry: Entry) -> int:

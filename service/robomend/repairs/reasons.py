@@ -11,8 +11,9 @@ then, an agent says that it can do something else, or who was silent is heard. W
 repairable later (a device has booted, somebody has plugged it in), and what a part of the service failed at
 is none of the robot's doing: both are taken up again by themselves, after a back-off that doubles. That what
 was bad lapsed, and is bad again, may be an agent that went away and came back: it is tried again, but the
-next time only after LAPSED_S, and twice as much each time until all is seen to be well. Those who report more
-rarely than the lifetimes they give would be repaired for ever.
+next time only after LAPSED_S, and twice as much each time until all is seen to be well: those who report more
+rarely than the lifetimes they give would be repaired for ever. So it is with symptoms of which less is heard
+than before, whoever else may be blamed for these, and with what is blamed again as its repair ends.
 """
 
 from __future__ import annotations
@@ -122,7 +123,7 @@ class ReasonsToRepair:
 
         Args:
             symptoms: what did not hold then.
-            unheard: it ended as observers were silent.
+            unheard: it ended as observers were silent, or as it was blamed again just then.
             untouched: nothing was done about them.
             unlasting: repairs of them helped, and did not last.
             takes_up: what the repair that begins after `retry_ns` is told of this one.
@@ -139,6 +140,11 @@ class ReasonsToRepair:
         if self.given_up is not None and self.retry_ns is not None:
             left_s = (self.retry_ns - time.time_ns()) / 1e9
             self._flapping.came_back(self.given_up, time.monotonic() + left_s)
+
+    @property
+    def suspects(self) -> BadSets | None:
+        """What was blamed when it was looked last."""
+        return None if self._unhealthy is None else self._unhealthy[0]
 
     def well_by_itself(self, record: RepairRecord, blamed: BadSets | None) -> str | None:
         """A repair ended well; if nothing was done for it, return what to tell a person, if it is time to."""
@@ -192,16 +198,21 @@ class ReasonsToRepair:
         if self._agents is not None and state.sight.declared.changes != self._agents:
             self.given_up = self._agents = None
         acts = state.config.policy != "observe" and state.system.parts is not None
+        same = blamed == self.given_up
+        if not same and self.given_up is not None:
+            if late_s > 0 or lags:  # whom else it blamed, as not all was heard
+                return max(late_s, LAG_S) + 0.001
+            if bad or blamed < self.given_up:  # of the same fault less is heard, or more again
+                same = self._symptoms is not None and state.sight.symptoms() <= self._symptoms
+                self._lapsed = self._lapsed or same
         back = self._lapsed or (self._unheard and all(map(state.sight.reported, state.sight.observed)))
         if self.given_up is not None and back and now >= self._again_s:
             self.given_up, self._lapsed, self._unheard = None, False, False
             self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
-        if not acts or blamed == self.given_up:
+        if not acts or (same and self.given_up is not None):
             if acts and self.retry_ns is not None:
                 return min(IDLE_S, max(0.0, (self.retry_ns - time.time_ns()) / 1e9) + 0.001)
             return IDLE_S
-        if self.given_up is not None and (late_s > 0 or lags):  # whom else it blamed, as not all was heard
-            return max(late_s, LAG_S) + 0.001
         if stop.active:
             self.held_by_stop = True
             return IDLE_S

@@ -199,7 +199,7 @@ class RobotRepairs:
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
         )
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
-        blamed = at_first = blamed_now(state)
+        blamed = at_first = blamed_now(state) or self._reasons.suspects  # which may have lapsed meanwhile
         declined = unlasting = unheard = False
         live: LiveRepair | None = None
         try:
@@ -216,6 +216,7 @@ class RobotRepairs:
             blamed = blamed_now(state) or (at_first if unlasting or not well else None)
             self.stopped()
             end, reason = conclusion(last, signals, record.data, state)
+            unheard = end is RepairTrigger.OVERTAKEN  # it is blamed again, or nothing of the robot is known
             ends_well = end in {RepairTrigger.HEALTHY, RepairTrigger.UNSEEN}
             if ends_well and (told := self._reasons.well_by_itself(record, at_first)) is not None:
                 end, reason = RepairTrigger.NEEDS_PERSON, told
@@ -287,9 +288,9 @@ class RobotRepairs:
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
         person = end is RepairTrigger.NEEDS_PERSON
-        unheard = unheard and not all(map(state.sight.reported, state.sight.observed))
+        unheard = unheard and (not person or not all(map(state.sight.reported, state.sight.observed)))
         interlocked = person and state.interlocked() is not None
-        why = {"interlocked": interlocked, "unlasting": unlasting, "unheard": person and unheard}
+        why = {"interlocked": interlocked, "unlasting": unlasting, "unheard": unheard}
         untouched = person and not record.data.get("rounds")
         broke, again = end is RepairTrigger.BROKE, None
         in_vain = person and (not untouched or bool(record.data.get("again")))  # it had something to try

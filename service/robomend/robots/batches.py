@@ -29,7 +29,7 @@ from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
 from robomend.yielding import Turns
 from robomend_client.literals import Atom, Literal
-from robomend_client.readings import Reading
+from robomend_client.readings import Reading, Symptom
 
 log = structlog.get_logger("robomend.robots.batches")
 
@@ -189,6 +189,9 @@ async def read_batches(
                     entry = Entry(
                         literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled, reading
                     )
+                    if reading is not None and reading.symptom is Symptom.SILENT:
+                        unseen = bool(batch.since) and not (batch.onset and batch.onset[position])
+                        entry = replace(entry, deaf=unseen and not literal.positive)
                     entries.append(entry)
                     newest[literal.atom, source] = entry
                     if retracted:

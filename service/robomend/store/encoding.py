@@ -154,12 +154,10 @@ def atom_from_text(text: str) -> Atom:
 def more_of(entry: Entry) -> str | None:
     """Return what only some entries of OBS have, as JSON; None for those that have none of it.
 
-    `r` is the reading, `s` the last word of each of several sources: the columns of an entry from `positive`
-    to `settled`, its `more`, the time of the report before it.
+    `r` is the reading, `d` that its source is deaf, `s` the last word of each of several sources: the columns
+    of an entry from `positive` to `settled`, its `more`, the time of the report before it.
     """
-    if entry.reading is None and not entry.by_source:
-        return None
-    more: dict[str, Any] = {} if entry.reading is None else {"r": entry.reading.as_json()}
+    more = _own_more_of(entry)
     if entry.by_source:
         more["s"] = [
             [
@@ -170,12 +168,17 @@ def more_of(entry: Entry) -> str | None:
                 said.since_ns,
                 said.onset_ns,
                 said.settled,
-                None if said.reading is None else {"r": said.reading.as_json()},
+                _own_more_of(said) or None,
                 before_ns,
             ]
             for said, before_ns in entry.by_source
         ]
-    return _COMPACT.encode(more)
+    return _COMPACT.encode(more) if more else None
+
+
+def _own_more_of(entry: Entry) -> dict[str, Any]:
+    more: dict[str, Any] = {} if entry.reading is None else {"r": entry.reading.as_json()}
+    return {**more, "d": 1} if entry.deaf else more
 
 
 def entry_of(
@@ -195,7 +198,8 @@ def entry_of(
         LastWord(entry_of(Literal(literal.atom, row[0]), *row[1:8]), row[8]) for row in more.get("s", ())
     )
     reading = Reading.from_json(more["r"]) if "r" in more else None
-    return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading, words)
+    deaf = "d" in more
+    return Entry(literal, source, time_ns, expires_ns, since_ns, onset_ns, settled, reading, words, deaf)
 
 
 # --- an accepted batch as the log keeps it: one JSON text, from which three readers take what they need.

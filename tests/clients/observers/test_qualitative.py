@@ -276,8 +276,7 @@ def test_a_value_that_moves_in_steps_rises_and_does_not_stand_in_turn(step_s: fl
         at_s = k / 10 + 0.05 + rng.uniform(-jitter_s, jitter_s)
         changes += driver.sample("odom:stamp.sec", ns(at_s), int(at_s / step_s), ns(at_s))
     inc = [c.value.positive for c in changes if c.value is not None and c.atom.predicate == "inc"]
-    assert len(inc) <= 4  # until its steps are known
-    assert inc[-1] is True
+    assert inc == [True]
     # It stops: that is seen when it has stood for longer than two steps.
     stands = [
         change
@@ -291,6 +290,38 @@ def test_a_value_that_moves_in_steps_rises_and_does_not_stand_in_turn(step_s: fl
         at_s = k / 10 + 0.05
         driver.sample("odom:stamp.sec", ns(at_s), int(at_s / step_s), ns(at_s))
     assert "inc(stamp)" in {str(verdict.literal) for verdict in driver.standing()}
+
+
+@given(
+    st.floats(0, 1),
+    st.sampled_from([4, 5, 10, 20, 50]),
+    st.sampled_from([1, 2]),
+    st.lists(st.floats(0, 12), max_size=3),
+)
+def test_whole_seconds_never_stand_whenever_they_are_begun_to_be_watched_and_judged_anew(
+    phase_s: float, hz: int, step_s: int, anew_s: list[float]
+) -> None:
+    observer = QualitativeObserver("stamp", "odom:stamp.sec")
+    driver = Driver([observer], 0)
+    said, asked_s, longest_s, asked = set(), 0.0, 0.0, sorted(anew_s)
+    for k in range(20 * hz):
+        t = k / hz
+        changes = list(driver.sample("odom:stamp.sec", ns(t), int((t + phase_s) // step_s), ns(t)))
+        if asked and asked[0] <= t:
+            changes += driver.settle(k + 1, driver.atoms)
+            asked, asked_s, longest_s = asked[1:], t, 0.0
+        said |= {str(change.value) for change in changes}
+        longest_s = max(longest_s, observer.settling_s)  # it is said anew with each poll
+        assert observer.check(ns(t)) or t < asked_s + longest_s + 1 / hz + 0.02
+    assert "const(stamp)" not in said
+    assert "inc(stamp)" in said
+
+
+def test_whole_numbers_that_stand_are_said_to_and_those_that_move_to_move_at_once() -> None:
+    stands = run(lambda t: 7, 3.1)
+    assert word(stands, 3.1) == "const"
+    assert stands.settling_s >= 3.1
+    assert word(run(lambda t: round(20 * t), 0.6), 0.6) == "inc"
 
 
 def test_a_value_that_stood_and_moves_is_seen_to_move_as_soon_as_one_that_never_stood() -> None:
