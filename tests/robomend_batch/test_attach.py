@@ -137,7 +137,8 @@ def test_a_robot_with_ros_2_is_healthy_and_a_fault_is_put_to_its_node(tmp_path: 
     with ros2_robot(tmp_path) as ros:
         rover2(ros)
         with attached(tmp_path, ros.environment, *README) as attach:
-            attach.until_said(r"\) healthy$")  # where others take the processors, rates may fall before
+            attach.until_said(r"\) healthy$")
+            assert "unhealthy" not in attach.said
             refused = run(["attach", "--seconds", SECONDS, str(tmp_path / "robot")])
             assert refused == 2  # one at a time
             page = attach.until_said("^the page: ").removeprefix("the page: ")
@@ -342,6 +343,7 @@ def test_a_robot_with_ros_2_over_zenoh_is_watched(tmp_path: Path) -> None:
         ]
         with attached(tmp_path, {**os.environ, "ROS_DOMAIN_ID": str(ros.domain)}, *words) as attach:
             attach.until_said(r"\) healthy$")
+            assert "unhealthy" not in attach.said
             ros.nodes["lidar_driver"].kill()
             attach.until_said(r"unhealthy: lidar_driver$")
     text = (tmp_path / "rover" / "rover.yaml").read_text()

@@ -20,7 +20,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from robomend_client.agent.feeds import Reads
-from robomend_client.beats import BEAT_NS
+from robomend_client.beats import BEAT_NS, Lateness
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Contact, Driver, Observer, Verdict, ns
@@ -33,6 +33,12 @@ LATE_NS = ns(0.15)
 
 DRAIN_NS, LONGEST_DRAIN_NS = ns(0.02), ns(0.3)
 """After that, what waited in sockets is let in before anything is judged: a tenth of the time that it was."""
+
+
+STARVED = (
+    "this computer is starved (others want its processors, or this process may not use them): "
+    "what comes late is unknown"
+)
 
 
 class Watch:
@@ -60,6 +66,7 @@ class Watch:
         self._readers: dict[Reads, frozenset[str]] = {}
         self._seen = seen
         self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
+        self._lateness, self._starved = Lateness(), False
         began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
         self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
@@ -110,7 +117,9 @@ class Watch:
             self._tell(self.driver.advance(now_ns))
             beat_ns = (now_ns // BEAT_NS + 1) * BEAT_NS  # the observers' grid has many of its ticks there
             next_ns = min(beat_ns, self.driver.next_ns or beat_ns)
-            await asyncio.sleep(max(0, next_ns - now_ns) / SECOND)
+            wait_s, began_s = max(0, next_ns - now_ns) / SECOND, time.monotonic()
+            await asyncio.sleep(wait_s)
+            self._was_late(time.monotonic() - began_s - wait_s)
 
     def close(self) -> None:
         """End the recording."""
@@ -137,6 +146,15 @@ class Watch:
             changes = driver.sample(source, time_ns, value, min(max(time_ns, driver.now_ns), now_ns))
             if changes:
                 self._on_changes(changes)
+
+    def _was_late(self, late_s: float) -> None:
+        """Tell the driver whether this computer is starved: then what others do is late as well."""
+        starved = self._lateness.look(max(0.0, late_s))
+        if starved is not self._starved:
+            self._starved = starved
+            log.info("%s", STARVED if starved else "this computer is starved no more")
+            self._read()
+            self._tell(self.driver.starved(starved, self._look()))
 
     def _look(self) -> int:
         """Return the time; tell the driver of time in which nobody looked."""

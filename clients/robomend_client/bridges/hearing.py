@@ -14,9 +14,10 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from robomend_client.beats import beat
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
@@ -60,6 +61,12 @@ SETTLED_S = 3.0
 
 LEAST_VALUES = 20
 """Of a field, all different from the one before: then it is one that does not stand still."""
+
+
+class Reads(Protocol):
+    """A node of ours, at which messages wait until they are read."""
+
+    def read_now(self) -> None: ...
 
 
 class Hearing(ABC):
@@ -168,6 +175,33 @@ class Hearing(ABC):
 
     # --- for those who derive from it --------------------------------------------------------------------
 
+    async def _hear_on(
+        self,
+        node: Reads,
+        tasks: Sequence[asyncio.Task[None]],
+        look: Callable[[], Awaitable[tuple[RosGraph, Mapping[str, bool | None]] | None]],
+        listen: Callable[[str], Awaitable[None]],
+    ) -> None:
+        """Take in what comes, and listen to topics that are new, until one of the tasks ends.
+
+        Args:
+            tasks: the node's own work; the error of one that failed is raised.
+            look: returns the graph, and which nodes run; None: nobody knows now.
+            listen: to a topic, with this node.
+        """
+        looked_s = float("-inf")
+        while not any(task.done() for task in tasks):
+            node.read_now()
+            if time.monotonic() - looked_s >= LOOK_S:
+                looked_s = time.monotonic()
+                found = await look()
+                for topic in () if found is None else self._found(*found):
+                    await listen(topic)
+            await beat()
+        for task in tasks:
+            if task.done():
+                task.result()
+
     def _found(self, graph: RosGraph, runs: Mapping[str, bool | None]) -> list[str]:
         """This is the graph now; return the topics to listen to as well."""
         self.graph = graph
@@ -243,19 +277,12 @@ class Ros2Hearing(Hearing):
             dds = await asyncio.to_thread(Dds, self._domain, config)
             node = self._node = DdsNode(NAME, self.problems)
             liveness = Liveness(node.found, self.problems, node.unheard)
+            listen = partial(self._hear, node, readers)
             for topic in self.ears:
-                node.subscribe(topic, self._hearing(topic, node, readers))
+                await listen(topic)
             task = asyncio.create_task(node.run(dds))
             try:
-                looked_s = float("-inf")
-                while not task.done():
-                    node.read_now()
-                    if time.monotonic() - looked_s >= LOOK_S:
-                        looked_s = time.monotonic()
-                        for topic in self._found(node.found.graph(), await liveness.look()):
-                            node.subscribe(topic, self._hearing(topic, node, readers))
-                    await beat()
-                task.result()
+                await self._hear_on(node, [task], partial(self._look_around, node, liveness), listen)
             except Forgotten:
                 continue
             finally:
@@ -263,7 +290,11 @@ class Ros2Hearing(Hearing):
                 liveness.close()
                 dds.close()
 
-    def _hearing(self, topic: str, node: DdsNode, readers: Any) -> Any:
+    @staticmethod
+    async def _look_around(node: DdsNode, liveness: Any) -> tuple[RosGraph, Mapping[str, bool | None]]:
+        return node.found.graph(), await liveness.look()
+
+    async def _hear(self, node: DdsNode, readers: Any, topic: str) -> None:
         from robomend_client.bridges.ros2.names import ros_type
         from robomend_client.bridges.ros2.stamps import Ages
 
@@ -281,7 +312,7 @@ class Ros2Hearing(Hearing):
                     return
                 self._look(topic, node.found.name_of(writer), time_ns, message)
 
-        return heard
+        node.subscribe(topic, heard)
 
     def _latched(self) -> Collection[str]:
         from robomend_client.bridges.ros2.names import wire_topic
@@ -324,21 +355,17 @@ class ZenohHearing(Hearing):
         node = self._node = ZenohNode(NAME, self._domain, self._connect, self.problems)
         liveness = Liveness(node, session, SETTLED_S)
         task = asyncio.create_task(node.run(session))
+
+        async def look() -> tuple[RosGraph, Mapping[str, bool | None]]:
+            return node.graph.graph(), await liveness.look() or {}
+
         try:
-            looked_s = float("-inf")
-            while not task.done():
-                node.read_now()
-                if time.monotonic() - looked_s >= LOOK_S:
-                    looked_s = time.monotonic()
-                    for topic in self._found(node.graph.graph(), await liveness.look() or {}):
-                        node.subscribe(topic, self._hearing(topic, readers))
-                await beat()
-            task.result()
+            await self._hear_on(node, [task], look, partial(self._hear, node, readers))
         finally:
             await end([task])
             session.close()
 
-    def _hearing(self, topic: str, readers: Any) -> Any:
+    async def _hear(self, node: ZenohNode, readers: Any, topic: str) -> None:
         from robomend_client.bridges.ros2.names import ros_type
         from robomend_client.bridges.ros2.stamps import Ages
 
@@ -357,7 +384,7 @@ class ZenohHearing(Hearing):
                     return
                 self._look(topic, message.node, time_ns, opened)
 
-        return heard
+        node.subscribe(topic, heard)
 
     def _latched(self) -> Collection[str]:
         if self._node is None:
@@ -392,31 +419,25 @@ class Ros1Hearing(Hearing):
             runs.clear()
             runs.update(found)
 
+        async def look() -> tuple[RosGraph, Mapping[str, bool | None]] | None:
+            try:
+                return await node.master.graph(), dict(runs)
+            except PeerError as error:
+                self.problems.tell("the master", str(error))
+                return None
+
         self.ears[ROSOUT] = Ear()
-        await self._hear(node, ROSOUT, readers)  # before it is connected for the sake of who runs
+        await self._hear(node, readers, ROSOUT)  # before it is connected for the sake of who runs
         liveness = Liveness(node, table, PING_S, PING_S)
         tasks = [asyncio.create_task(node.run()), asyncio.create_task(liveness.run())]
         try:
-            looked_s = float("-inf")
-            while not any(task.done() for task in tasks):
-                node.read_now()
-                if time.monotonic() - looked_s >= LOOK_S:
-                    looked_s = time.monotonic()
-                    try:
-                        graph = await node.master.graph()
-                        for topic in self._found(graph, dict(runs)):
-                            await self._hear(node, topic, readers)
-                    except PeerError as error:
-                        self.problems.tell("the master", str(error))
-                await beat()
-            for task in tasks:
-                if task.done():
-                    task.result()
+            await self._hear_on(node, tasks, look, partial(self._hear, node, readers))
         finally:
             await end(tasks)
 
-    async def _hear(self, node: RosNode, topic: str, readers: Any) -> None:
+    async def _hear(self, node: RosNode, readers: Any, topic: str) -> None:
         from robomend_client.bridges.ros1.subscription import Publisher
+        from robomend_client.bridges.ros1.xmlrpc import PeerError
 
         ear, looks = self.ears[topic], topic == ROSOUT or self._looks(topic)
 
@@ -431,7 +452,10 @@ class Ros1Hearing(Hearing):
                     return
                 self._look(topic, publisher.node, time_ns, message)
 
-        await node.listen(topic, heard, keep=looks)
+        try:
+            await node.listen(topic, heard, keep=looks)
+        except PeerError as error:  # it is tried again with the next registration
+            self.problems.tell("the master", str(error))
 
     def _latched(self) -> Collection[str]:
         return self._keeps - self._keeps_not

@@ -180,6 +180,46 @@ class Patient(Protocol):
         ...
 
 
+class Doubt:
+    """Times in which this computer is starved (beats.Lateness), and a while after each: what comes late then,
+    or not at all, is no sign of a fault.
+    """
+
+    def __init__(self, after_s: float) -> None:
+        """`after_s`: so long after it verdicts rest on what came in such a time."""
+        self._after_ns = ns(after_s)
+        self._from_ns = self._until_ns = -(1 << 62)
+
+    def starved(self, yes: bool, time_ns: int) -> None:
+        """It is from now on, or no more."""
+        if not yes:
+            self._until_ns = time_ns + self._after_ns
+        else:
+            if time_ns >= self._until_ns:
+                self._from_ns = time_ns
+            self._until_ns = 1 << 62
+
+    def at(self, time_ns: int) -> bool:
+        return self._from_ns <= time_ns < self._until_ns
+
+    def put_off(self, due_ns: int, longest_ns: int) -> int:
+        """Return when what is due at a time counts: not in doubt, where it would be over before `longest_ns`
+        are; what was due before counts as it was.
+        """
+        if not self.at(due_ns):
+            return due_ns
+        return min(due_ns + longest_ns, self._until_ns)
+
+
+@runtime_checkable
+class Doubts(Protocol):
+    """An observer that says bad of what comes late, or not at all."""
+
+    def starved(self, yes: bool, time_ns: int) -> None:
+        """This computer is starved from now on, or no more."""
+        ...
+
+
 @runtime_checkable
 class SeesPublishers(Protocol):
     """An observer that is told who publishes a source of it, where a feed knows."""

@@ -20,6 +20,8 @@ times. The rules that make it so:
   settling times they are unknown at once.
 - So it is with what a feed did not look at (`Contact`): only that source's observers judge anew. While nobody
   looks (LOST) none of them is asked, and after a second their atoms are unknown.
+- While the computer is starved (`starved`: the agent is woken late again and again), what others do is late,
+  too. Observers of that (`Doubts`) do not call it bad then, where they did not before, but unknown.
 - In a log, a jump of time of more than JUMP_NS is believed once the next sample confirms it: a stamp from the
   future alone is left out and counted. Back, it means that the log begins again, or the simulation: all
   observers start anew. Live, stamps that are far from the clock are left out and counted.
@@ -45,6 +47,7 @@ from robomend_client.literals import Atom
 from robomend_client.observers.base import (
     SECOND,
     Contact,
+    Doubts,
     NoNumber,
     Observer,
     Publishers,
@@ -265,6 +268,20 @@ class Driver:
             elif state.tick_ns <= until_ns:
                 self._ticks.schedule(state, after(until_ns, GRID_NS))
         return self._combined.changes(touched, self.now_ns)
+
+    def starved(self, yes: bool, now_ns: int) -> Sequence[Change]:
+        """Say that this computer has more to do than it can from now on, or no more: what is late may be late
+        for that.
+        """
+        changes = self.advance(now_ns)
+        if self._listener is not None:
+            self._listener.starved(self.now_ns, yes)
+        for state in self._states:
+            if isinstance(state.observer, Doubts):
+                state.observer.starved(yes, self.now_ns)
+                state.said = None
+                self._ticks.plan(state, None if state.blind else state.due_ns(), self.now_ns)
+        return changes
 
     def look(self, source: str, sight: Contact, now_ns: int) -> Sequence[Change]:
         """Say that nobody looks at a source from now on, or that somebody does again."""

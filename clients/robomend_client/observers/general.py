@@ -33,6 +33,10 @@ as many more.
                                          └─── too fast ───┘     its own window
                                 └──────── not too fast ───┘     with those before it
 
+While this computer is starved, and until the window has nothing of that time in it, a wrong rate is unknown
+where it was not wrong before, and silence counts later, by SILENT_S at least: nodes that get no processor
+publish late, or not at all.
+
 With `pause_s`, an interval counts in the rate as so long at most. What is longer is a pause, which silence_s
 judges: a few of them in a window make its rate no slower than they must, so that half of the messages missing
 shows beside them.
@@ -49,10 +53,13 @@ from math import inf, isfinite
 from typing import Any
 
 from robomend_client.literals import Atom, Literal, fails, holds
-from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns
+from robomend_client.observers.base import NOTHING, SECOND, Doubt, Evidence, ns
 from robomend_client.observers.rate import Rate
 from robomend_client.observers.student_t import significant
 from robomend_client.readings import Reading, Symptom
+
+SILENT_S = 4.0
+"""Silence lasts so much longer on a computer that is starved, or twice as long."""
 
 
 class GeneralObserver:
@@ -85,6 +92,9 @@ class GeneralObserver:
         # The same without what is longer of their intervals than a pause: it is what rates are of.
         self._pause_ns = None if expected.pause_s is None else ns(expected.pause_s)
         self._counted: deque[int] = self._times if self._pause_ns is None else deque(maxlen=most)
+        self._doubt = Doubt(self._size / expected.lowest_hz if expected.lowest_hz > 0 else 0.0)
+        self._longer_ns = max(self._silence_ns, ns(SILENT_S))
+        self._known_bad = False  # before the doubt, and since then
         self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
         self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
         self._start_ns: int | None = None  # the first reset; None: there was none
@@ -107,6 +117,7 @@ class GeneralObserver:
         if not self._usual_ns:
             self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
         self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
+        self._known_bad = False
         self._onset_ns: int | None = None  # the newest message at which the rate was right
 
     def _clear(self) -> None:
@@ -119,20 +130,20 @@ class GeneralObserver:
         """A message of the topic arrived at `time_ns`; its value does not matter."""
         gap_ns = time_ns - self._newest_ns
         if not 0 <= gap_ns < self._usual_ns:
-            time_ns = self._irregular(time_ns, gap_ns)
+            time_ns = self._irregular(time_ns, gap_ns, self.due_ns())
         if self._pause_ns is not None:
             counted = self._counted
             counted.append(counted[-1] + min(time_ns - self._newest_ns, self._pause_ns) if counted else 0)
         self._times.append(time_ns)
         self._newest_ns = self._heard_ns = time_ns
 
-    def _irregular(self, time_ns: int, gap_ns: int) -> int:
+    def _irregular(self, time_ns: int, gap_ns: int, due_ns: int) -> int:
         """The first message, one after a silence, or one from before the newest: return the time that
         counts.
         """
         first = not self._usual_ns
         self._usual_ns = self._silence_ns
-        if gap_ns >= self._silence_ns:
+        if time_ns >= due_ns:
             self._onset_ns = self._last_good_ns()
             self._silence_end_ns = time_ns
             self._clear()
@@ -142,23 +153,32 @@ class GeneralObserver:
             time_ns = self._newest_ns
         return time_ns
 
+    def starved(self, yes: bool, time_ns: int) -> None:
+        """This computer is from now on, or no more: who publishes here is late as well."""
+        if yes and not self._doubt.at(time_ns):
+            self._known_bad = self._right() is False or time_ns >= self.due_ns()
+        self._doubt.starved(yes, time_ns)
+
     def due_ns(self) -> int:
-        return self._newest_ns + self._silence_ns
+        due_ns = self._newest_ns + self._silence_ns
+        return due_ns if self._known_bad else self._doubt.put_off(due_ns, self._longer_ns)
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
-        if now_ns - self._newest_ns >= self._silence_ns:
+        if now_ns - self._newest_ns >= self._silence_ns and now_ns >= self.due_ns():
             return self._not_ok
         counted, size = self._counted, self._size
         if len(counted) >= size:  # most of the time, and asked for most often
             span_ns = counted[-1] - counted[-size]
             if span_ns and self._lowest_hz < self._full / span_ns < self._highest_hz:
+                self._known_bad = False
                 return self._ok if now_ns >= self._good_from_ns else NOTHING
         right = self._right()
         if right is None:
             return NOTHING if self._silence_end_ns is None else self._not_ok
         if right:
+            self._known_bad = False
             return self._ok if now_ns >= self._good_from_ns else NOTHING
-        return self._not_ok
+        return NOTHING if self._doubt.at(now_ns) and not self._known_bad else self._not_ok
 
     def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
         """See Steady: all is well before, at and behind each of these messages."""
@@ -192,7 +212,7 @@ class GeneralObserver:
         return take
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        if now_ns - self._newest_ns >= self._silence_ns:
+        if now_ns - self._newest_ns >= self._silence_ns and now_ns >= self.due_ns():
             return Evidence(now_ns - self._silence_ns, self._last_good_ns(), self._silent(now_ns))
         right = self._right()
         if right is None and self._silence_end_ns is not None:

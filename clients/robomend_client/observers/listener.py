@@ -17,6 +17,9 @@ class Listener:
     def lapse(self, now_ns: int, until_ns: int) -> None:
         """Nobody looks until then."""
 
+    def starved(self, now_ns: int, yes: bool) -> None:
+        """This computer is starved from now on, or no more."""
+
     def sight(self, now_ns: int, source: str, sight: Contact) -> None:
         """Nobody looks at a source any more, or somebody does again."""
 

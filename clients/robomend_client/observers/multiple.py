@@ -7,7 +7,7 @@ time.
 
 An answer counts for all that was asked before it. A message on the other topic that nothing was asked for
 says nothing, or that something is wrong, with `unasked: bad`. When nothing is asked for `lifetime_s`, the
-verdict is unknown.
+verdict is unknown. On a computer that is starved, a late answer says nothing, and none counts LATER_S later.
 
 Source: the paper, section IV-B. The published observer judges only when an answer comes, so that a node that
 never answers is never noticed; `preset: published` has its parameters.
@@ -20,8 +20,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns, positive
+from robomend_client.observers.base import NOTHING, SECOND, Doubt, Evidence, ns, positive
 from robomend_client.readings import Reading, Symptom
+
+LATER_S = 4.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ class MultipleObserver:
         self.settling_s = expected.interval_s + expected.within_s
         self._in = in_topic
         self._within_ns = ns(expected.within_s)
+        self._doubt = Doubt(expected.within_s)
+        self._later_ns = max(self._within_ns, ns(LATER_S))
         self._limit = f"at most {expected.within_s:g}"
         self._lifetime_ns = ns(expected.lifetime_s)
         self._unasked_is_bad = expected.unasked == "bad"
@@ -90,16 +94,26 @@ class MultipleObserver:
                 self._asked_ns = time_ns
         elif self._asked_ns is not None:
             self._took_ns = time_ns - self._asked_ns
-            self._judge(time_ns, self._took_ns <= self._within_ns, self._asked_ns)
+            in_time = self._took_ns <= self._within_ns
+            if in_time or time_ns > self._late_ns(self._asked_ns):
+                self._judge(time_ns, in_time, self._asked_ns)
             self._asked_ns = None
         elif self._unasked_is_bad and time_ns - self._from_ns > self._within_ns:
             # Sooner it may answer what was asked before the reset.
             self._took_ns = None
             self._judge(time_ns, False, time_ns)
 
+    def starved(self, yes: bool, time_ns: int) -> None:
+        """This computer is from now on, or no more: who answers here is late as well."""
+        self._doubt.starved(yes, time_ns)
+
+    def _late_ns(self, asked_ns: int) -> int:
+        """Return the last moment at which an answer is in time."""
+        return self._doubt.put_off(asked_ns + self._within_ns, self._later_ns)
+
     def due_ns(self) -> int | None:
         if self._asked_ns is not None:
-            return self._asked_ns + self._within_ns + 1
+            return self._late_ns(self._asked_ns) + 1
         if self._verdict is None:
             return None
         ends_ns = self._judged_ns + self._lifetime_ns
@@ -136,7 +150,7 @@ class MultipleObserver:
         return None if self._verdict is None else min((t for t in times_ns if t > now_ns), default=None)
 
     def _overdue(self, now_ns: int) -> bool:
-        return self._asked_ns is not None and now_ns - self._asked_ns > self._within_ns
+        return self._asked_ns is not None and now_ns > self._late_ns(self._asked_ns)
 
     def _judge(self, time_ns: int, good: bool, since_ns: int) -> None:
         self._verdict = good

@@ -5,7 +5,8 @@
     {"source": "odom:twist.twist.linear.x", "time": …, "at": …, "value": 0.31}
                                                       └ when it was taken in, if later
     {"sight": "lost", "of": "scan", "at": …}   {"publishers": ["/laser"], "of": "scan", "at": …}
-    {"lapse": …, "at": …}   {"settle": 7, "atoms": ["ok(scan)"], "at": …}   {"restart": …}   {"end": …}
+    {"lapse": …, "at": …}   {"starved": true, "at": …}
+    {"settle": 7, "atoms": ["ok(scan)"], "at": …}   {"restart": …}   {"end": …}
 
 A recording has a bound; when it is full, it says so at its end and stays as it is.
 """
@@ -46,6 +47,9 @@ class Recording(Listener):
 
     def lapse(self, now_ns: int, until_ns: int) -> None:
         self._write({"lapse": until_ns, "at": now_ns})
+
+    def starved(self, now_ns: int, yes: bool) -> None:
+        self._write({"starved": yes, "at": now_ns})
 
     def sight(self, now_ns: int, source: str, sight: Contact) -> None:
         self._write({"sight": sight.value, "of": source, "at": now_ns})
@@ -123,6 +127,8 @@ def replay_line(driver: Driver, line: dict[str, Any]) -> Iterator[Change]:
         yield from driver.advance(at_ns)
     if "lapse" in line:
         yield from driver.lapse(line["lapse"])
+    elif "starved" in line:
+        yield from driver.starved(line["starved"], line["at"])
     elif "sight" in line:
         yield from driver.look(line["of"], Contact(line["sight"]), line["at"])
     elif "publishers" in line:

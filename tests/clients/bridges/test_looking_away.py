@@ -14,6 +14,7 @@ from tests.clients.bridges.hearing import listening
 from tests.clients.bridges.ros2.test_split import soon_lost
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually
+from tests.freezing import starved
 from tests.ros2 import robot as ros2_robot
 
 from robomend_client.observers import Change, Driver, GeneralObserver, Rate
@@ -128,3 +129,34 @@ def test_one_peer_that_was_halted_for_longer_than_its_lease_leaves_all_others_as
         for name in (*others, "laser"):
             ros.node(name).do("publish", topic=f"/{name}", type="std_msgs/String", rate=10)
         asyncio.run(test())
+
+
+HEARD_FOR_A_MINUTE = {
+    "rate_hz": 20,
+    "tolerance_hz": 8,
+    "tolerance_above_hz": 12,
+    "window": 60,
+    "settle": 50,
+    "silence_s": 1,
+    "pause_s": 0.75,
+}
+"""What `robomend attach` writes of a topic at 20 Hz."""
+
+
+@pytest.mark.timeout(300)  # a whole session
+def test_an_agent_that_is_starved_as_its_robot_is_does_not_call_it_slow_and_then_does(
+    robot: AnyRobot, service: ServiceDouble, tmp_path: Path
+) -> None:
+    laser = robot.node("laser")
+    laser.do("publish", topic="/scan", type="std_msgs/String", rate=20)
+    topics = {"scan": {"from": robot.origin, "first_s": 60, **HEARD_FOR_A_MINUTE}}
+    with agent(config(tmp_path, service.url, {}, **{robot.origin: robot.section, "topics": topics})) as one:
+        eventually(lambda: service.signs().get("ok(scan)"), "all well", 60)
+        batches = len(service.batches())
+        with starved(laser.pid, halted_s=0.3):
+            with starved(one.pid):
+                eventually(lambda: service.signs().get("ok(scan)") is not True, "it is not well", 60)
+                time.sleep(LONG_S)  # meanwhile nothing bad is said
+                assert said(service, batches) <= {"ok(scan)"}
+            eventually(lambda: service.signs().get("ok(scan)") is False, "it is slow", 60)
+        eventually(lambda: service.signs().get("ok(scan)") is True, "all well again", 60)

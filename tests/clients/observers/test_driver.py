@@ -217,6 +217,40 @@ def test_time_that_nobody_looked_at_is_no_silence() -> None:
     assert [v.since_ns >= ns(8) for v in driver.standing()] == [True]
 
 
+@pytest.mark.parametrize(
+    ("hz", "slow_s", "starved_s", "fed_s", "expected"),
+    [
+        (5.0, 4.0, None, None, [(4.5, "not ok(scan)")]),
+        (5.0, 4.0, 4.2, None, [(4.5, "None")]),
+        (5.0, 4.0, 4.2, 8.0, [(4.5, "None"), (9.3, "not ok(scan)")]),  # a window of 9 Hz at least later
+        (5.0, 4.0, 5.5, None, [(4.5, "not ok(scan)")]),  # it was slow before
+        (0.0, 4.0, None, None, [(4.5, "not ok(scan)")]),
+        (0.0, 4.0, 4.2, None, [(8.5, "not ok(scan)")]),
+        (0.0, 4.0, 4.2, 5.0, [(6.3, "not ok(scan)")]),
+        (0.0, 4.0, 4.8, None, [(4.5, "not ok(scan)")]),
+    ],
+)
+def test_on_a_starved_computer_slow_is_unknown_and_silence_counts_later(
+    hz: float, slow_s: float, starved_s: float | None, fed_s: float | None, expected: list[tuple[float, str]]
+) -> None:
+    """It is at 10 Hz until `slow_s`, and at `hz` then."""
+    driver, end_s = Driver([GeneralObserver("scan", RATE)], 0), 12.0
+    times_s = [k / 10 for k in range(round(slow_s * 10))]
+    times_s += [slow_s + k / hz for k in range(round((end_s - slow_s) * hz))]
+    happens = [(time_s, "scan") for time_s in times_s]
+    happens += [(at_s, what) for at_s, what in ((starved_s, "starved"), (fed_s, "fed")) if at_s is not None]
+    found: list[Change] = []
+    for at_s, what in sorted(happens):
+        if what == "scan":
+            found += driver.sample(what, ns(at_s), now_ns=ns(at_s))
+        else:
+            found += driver.starved(what == "starved", ns(at_s))
+    found += driver.advance(ns(end_s))
+    after = [(c.time_ns / SECOND, str(c.value)) for c in found if c.time_ns > ns(slow_s)]
+    assert [value for _, value in after] == [value for _, value in expected]
+    assert [at_s for at_s, _ in after] == pytest.approx([at_s for at_s, _ in expected], abs=0.35)
+
+
 def test_after_time_that_nobody_looked_at_a_silent_topic_is_found_silent() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)

@@ -37,7 +37,7 @@ def observers() -> list[GeneralObserver | NodeObserver | Told]:
     ]
 
 
-OTHERS = ["settle", "lapse", "lost", "back", "heartbeat"]
+OTHERS = ["settle", "lapse", "lost", "back", "heartbeat", "starved", "fed"]
 
 events = st.lists(
     st.tuples(
@@ -71,6 +71,8 @@ def test_a_recording_replayed_gives_the_same_literals_at_the_same_times(
             live += driver.settle(n, [SCAN, Atom("running", ("n",))])
         elif what == "lapse":
             live += driver.lapse(now_ns)
+        elif what in ("starved", "fed"):
+            live += driver.starved(what == "starved", now_ns)
         elif what in ("lost", "back"):
             source = ("scan", "odom", PROCESSES)[behind_ms % 3]
             live += driver.sample(source, now_ns, Contact(what), now_ns)

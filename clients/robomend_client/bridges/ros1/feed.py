@@ -66,7 +66,8 @@ class Ros1(RosBridge):
             address="under which other nodes reach this one; by default ROS_HOSTNAME, ROS_IP, or the address "
             "that faces the master",
             ping_s="a node that was not heard for so many seconds is asked whether it runs",
-            ping_timeout_s="one that takes the question and says nothing for so many seconds is frozen",
+            ping_timeout_s="one that takes the question and says nothing for three times so many seconds is "
+            "frozen; after one where its process, on this computer, is halted",
             serve="names of actions that other nodes may ask for, by an action server of each",
         )
         self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
@@ -174,8 +175,7 @@ class Ros1(RosBridge):
             self.look_at_names(table)
             why = liveness.nodes.why
             told: dict[str, Runs] = {
-                name: why(name, self.ping_timeout_s) if runs is False else runs
-                for name, runs in table.items()
+                name: why(name) if runs is False else runs for name, runs in table.items()
             }
             deliver(NODES, self.table(told), None)
 

@@ -4,9 +4,10 @@
     nothing heard for `ping_s` ──► it is asked: that finds frozen ones, and those without a connection
     the master's state, each LIST_S ──► nodes that came and went
 
-A node that is asked and says nothing is frozen; the question stays open, so that it costs it no second place
-in its queue, and its answer shows that it is back. But where not even its computer confirms the question, the
-network has split: whether the node runs is unknown.
+A node that is asked and says nothing is frozen: at once where its process, on this computer, is halted, and
+else after MISSES time-outs, of which those in which we are starved ourselves hardly count. The question stays
+open, so that it costs it no second place in its queue, and its answer shows that it is back. But where not
+even its computer confirms the question, the network has split: whether the node runs is unknown.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
-from robomend_client.beats import beat, done_within
+from robomend_client.beats import Lateness, beat, done_within
+from robomend_client.bridges.processes import Process, has_open, is_ours
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.bridges.ros1.xmlrpc import (
@@ -42,7 +44,8 @@ from robomend_client.python310 import end
 #     what is seen                                     the node is
 #     a connection of its own stands, it answers       running
 #     nobody listens at its address any more           gone
-#     the connection is taken and nothing said         frozen: not running, as far as anybody can use it
+#     the connection is taken and nothing said, again  frozen: not running, as far as anybody can use it
+#         and again, or its process is halted
 #     no way leads to its host, its name is unknown    unknown
 #
 # The master is believed where it names nodes, and not where it goes on naming them: it does not notice that
@@ -80,6 +83,7 @@ class KnownNode:
     links: int = 0  # connections of its own that stand
     heard_s: float = float("-inf")  # when it was last heard: a message, a connection, an answer
     gone_s: float = float("-inf")  # when it was last seen to be gone
+    frozen: Mapping[str, str] = field(default_factory=dict)  # why, as the node observer takes it
 
 
 class Nodes:
@@ -92,11 +96,11 @@ class Nodes:
         """Return which run, as observers read it."""
         return {name: RUNS[node.state] for name, node in self.known.items()}
 
-    def why(self, name: str, timeout_s: float) -> Mapping[str, str] | bool:
+    def why(self, name: str) -> Mapping[str, str] | bool:
         """Return why a node does not run, as the node observer takes it."""
         node = self.known.get(name)
         if node is not None and node.state is NodeState.FROZEN:
-            return {"why": f"does not answer within {timeout_s:g} s", "symptom": "halted"}
+            return node.frozen
         if node is not None and node.state is NodeState.GONE:
             return {"why": f"nobody listens at {node.uri or 'its address'} any more", "symptom": "ended"}
         return False
@@ -169,6 +173,9 @@ OPEN_S = 60.0
 AGAIN_S = 0.15
 """A node that hung up and still answers may be about to end."""
 
+MISSES, STARVED_MISS = 3, 0.2
+"""Time-outs in which a node that works says nothing, and what one counts while we get no processor."""
+
 MOST_AT_ONCE = 16
 """Questions that begin in one beat."""
 
@@ -191,6 +198,7 @@ class Liveness:
         self._ping_s = ping_s
         self._timeout_s = ping_timeout_s
         self._questions: dict[str, asyncio.Task[None]] = {}
+        self._lateness, self._starved = Lateness(), False
         self._closed = False
         self._complete = False  # the master has named its nodes: until then who is not known is not stopped
         node.subscribe(ROSOUT, self._message, on_link=self._link)
@@ -208,7 +216,7 @@ class Liveness:
                 if now_s >= tell_at:
                     tell_at = now_s + TELL_S
                     self._tell()
-                await beat(LOOK_S)
+                self._starved = self._lateness.look(await beat(LOOK_S))
             listing.result()
         finally:
             self._closed = True
@@ -308,7 +316,7 @@ class Liveness:
         return NodeState.RUNNING
 
     async def _answer(self, name: str, connection: Connection) -> None:
-        """Ask, and wait for the answer; without one within the time-out the node is frozen from then on.
+        """Ask, and wait for the answer; without one for so long the node is frozen from then on.
 
         Raises:
             OutOfReach: the question did not get to its computer.
@@ -316,15 +324,37 @@ class Liveness:
         """
         call = ask(connection, "getPid", self._node.name, timeout_s=OPEN_S)
         question = asyncio.create_task(call, name=f"getPid of {name}")
+        missed, began_s = 0.0, time.monotonic()
+        process: Process | None = None
         try:
-            if not await done_within(question, self._timeout_s):
+            while not await done_within(question, self._timeout_s):
                 if not is_delivered(connection):
                     raise OutOfReach("its computer does not confirm what is sent to it")
-                self._found(name, NodeState.FROZEN)
+                missed += STARVED_MISS if self._starved else 1
+                process = process or await asyncio.to_thread(_process, connection)
+                if process is not None and not process.works():
+                    self._freeze(name, process.why())
+                elif missed >= MISSES:
+                    for_s = time.monotonic() - began_s
+                    self._freeze(name, {"why": f"does not answer for {for_s:.3g} s", "symptom": "halted"})
+                else:
+                    continue
+                break
             await question
         finally:
             await end([question])
 
+    def _freeze(self, name: str, why: Mapping[str, str]) -> None:
+        if node := self.nodes.known.get(name):
+            node.frozen = why
+        self._found(name, NodeState.FROZEN)
+
     def _tell(self) -> None:
         if self._complete:
             self._on_table(self.nodes.table())
+
+
+def _process(connection: Connection) -> Process | None:
+    """Return the process at the other end, where that is this computer and we may see it."""
+    address, port = connection[1].get_extra_info("peername")[:2]
+    return has_open(lambda local, _: local == port, ("tcp", "tcp6")) if is_ours(address) else None

@@ -6,7 +6,7 @@ import asyncio
 import signal
 import socket
 from typing import Any
-from xmlrpc.client import ServerProxy
+from xmlrpc.client import ServerProxy, dumps
 
 import pytest
 from tests.clients.bridges.hearing import listening
@@ -65,7 +65,8 @@ def test_nodes_and_services_are_seen_to_begin_freeze_go_on_and_end(ros1: Robot) 
             assert heard.why["killed"]["symptom"] == "ended"
             frozen.signal(signal.SIGSTOP)
             await heard.runs({"frozen": False})
-            assert heard.why["frozen"] == {"why": "does not answer within 1 s", "symptom": "halted"}
+            halted = f"its process {frozen.pid} is stopped by a signal (SIGSTOP)"
+            assert heard.why["frozen"] == {"why": halted, "symptom": "halted"}
             await heard.until(lambda: heard.last(ANSWERS) is False, "its service is frozen, too")
             await heard.told("/frozen/get_loggers: it does not say who it is: nothing within 1 s")
             frozen.signal(signal.SIGCONT)
@@ -123,5 +124,43 @@ def test_a_master_that_is_frozen_or_starts_anew_is_told_once_and_hides_no_node_t
             assert all(table.get("steady", True) for table in heard.values["nodes"])
             steady.kill()
             await heard.runs({"steady": False, "new": True})
+
+    asyncio.run(test())
+
+
+@pytest.mark.timeout(300)  # a whole session
+def test_a_node_that_answers_late_runs_and_one_that_never_answers_is_frozen(ros1: Robot) -> None:
+    answer = dumps(([1, "", 4711],), methodresponse=True).encode()
+    slow, answered = "/slow", asyncio.Semaphore(0)
+
+    async def late(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"</methodCall>")
+        await asyncio.sleep(2.0)  # longer than it has
+        writer.write(b"HTTP/1.0 200 OK\r\nContent-Length: %d\r\n\r\n" % len(answer) + answer)
+        writer.close()
+        answered.release()
+
+    async def never(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+
+    def register(name: str, port: int) -> None:
+        api: Any = ServerProxy(ros1.master.uri)
+        uri = f"http://127.0.0.1:{port}/"
+        assert api.registerSubscriber(name, "/nothing", "std_msgs/String", uri)[0] == 1
+
+    async def test() -> None:
+        servers = [await asyncio.start_server(one, "127.0.0.1", 0) for one in (late, never)]
+        for name, server in zip((slow, "/deaf"), servers, strict=True):
+            await asyncio.to_thread(register, name, server.sockets[0].getsockname()[1])
+        async with listening(ros1, "nodes") as heard:
+            await heard.runs({"slow": True, "deaf": False})
+            assert heard.why["deaf"]["why"].startswith("does not answer for 3")
+            assert heard.why["deaf"]["symptom"] == "halted"
+            for _ in range(3):
+                await asyncio.wait_for(answered.acquire(), 60)
+            assert all(table.get("slow", True) is not False for table in heard.values["nodes"])
+        for server in servers:
+            server.close()
 
     asyncio.run(test())
