@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tests.api.conftest import Service, running
 from tests.clients.observers.test_readings import BAD, bad_of
+from tests.clients.running_agent import agent, config
 from tests.notifications.receivers import Hook, MailServer, serving
 from tests.robomend_batch.running import batch_run, logs
 from tests.waiting import until
@@ -106,7 +108,7 @@ def test_what_was_measured_is_wherever_the_fault_is_shown(
         revision = client.observe(robot, list(found), readings=list(found.values()))["revision"]
         assert client.diagnosis(robot, wait_s=60, after=revision - 1)["fault"] is None
         until(lambda: any(one["robot"] == robot for one in hook.told), "a notification", 120)
-        until(lambda: any(robot in str(letter["Subject"]) for _, letter in mail.mails), "a mail", 120)
+        until(lambda: texts(mail, robot), "a mail", 120)
         event = next(one for one in client.events(robot, after=0) if one.kind == "observations")
         [repair] = client.repairs(robot, limit=1)["items"]
         record = client.repair(repair["id"])
@@ -117,7 +119,7 @@ def test_what_was_measured_is_wherever_the_fault_is_shown(
         "robot page": html.unescape(service.http.get(f"/ui/robots/{robot}").text),
         "repair page": html.unescape(service.http.get(f"/ui/repairs/{repair['id']}").text),
         "notification": str([one["text"] for one in hook.told if one["robot"] == robot]),
-        "mail": str([letter.get_content() for _, letter in mail.mails if robot in str(letter["Subject"])]),
+        "mail": "".join(texts(mail, robot)),
         "repair": json.dumps(record, ensure_ascii=False),
     }
     for place, line in (("status", ["status", robot]), ("account", ["repairs", repair["id"]])):
@@ -135,3 +137,33 @@ def test_what_was_measured_is_wherever_the_fault_is_shown(
     assert shown.keys() == PLACES
     missing = {place: said[:1500] for place, said in shown.items() if text not in said}
     assert not missing, text
+
+
+@pytest.mark.timeout(300)
+def test_what_a_driver_printed_as_it_died_is_on_page_status_and_mail(
+    service: Service, mail: MailServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A driver that cannot open its device, under a real agent: the sentence has the program's last line."""
+    said = "cannot open /dev/lidar: No such device"
+    command = ["sh", "-c", f"echo starting; echo '{said}' >&2; exit 1"]
+    robot = "r-driver"
+    put = service.api(
+        "PUT", f"/robots/{robot}", json={"model": "every", "policy": "approve", "detection_s": 0}
+    )
+    assert put.status_code == 201
+    processes = {"laser": {"command": command, "start": True}}
+    with agent(config(tmp_path, service.url, processes, robot=robot)):
+        until(lambda: any(said in mails for mails in texts(mail, robot)), "a mail with its words", 120)
+        page = html.unescape(service.http.get(f"/ui/robots/{robot}").text)
+        assert run(["status", robot, "--url", service.url]) == 0
+    status = " ".join(capsys.readouterr().out.split())
+    sentence = f"laser is not running since \\d\\d:\\d\\d:\\d\\d \\(exit code 1: (?:starting; )?{said}\\)"
+    for place in (page, status, *texts(mail, robot)[:1]):
+        found = " ".join(re.sub("<[^>]*>", "", place).split())
+        assert re.search(sentence, found), found[:3000]
+
+
+def texts(mail: MailServer, robot: str) -> list[str]:
+    """Return the mails that a robot is the subject of."""
+    found = [letter for _, letter in mail.mails if robot in str(letter["Subject"])]
+    return [f"{letter['Subject']}\n{letter.get_content()}" for letter in found]

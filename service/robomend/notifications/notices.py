@@ -176,7 +176,7 @@ def _of_change(event: Event) -> Notice | None:
 
 def _measured(data: Json) -> list[str]:
     """Return what was measured of the symptoms that a repair's newest round, or its end, rests on."""
-    newest = data.get("unmended") or next(reversed(data.get("rounds") or ()), {})
+    newest: Json = data.get("unmended") or next(reversed(data.get("rounds") or ()), {})
     found = [one for one in newest.get("symptoms", ()) if one.get("reading")]
     return [f"{one['literal']}: {one['reading']['text']}" for one in found[:MOST_MEASURED]]
 
