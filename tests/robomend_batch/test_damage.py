@@ -57,7 +57,7 @@ ONE_VALUE_S = 2.0
 END_S = 8.0
 
 
-def _drive() -> list[Sample]:
+def small_drive() -> list[Sample]:
     """A scan that is silent from 3 to 5 s, a temperature that rises from 6 s on."""
     scan = [sample for sample in steady("scan", 10, END_S) if not 3 <= sample[0] < 5]
     heat = [
@@ -77,7 +77,7 @@ def _bag(compression: str) -> Callable[[Path], None]:
                 topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS1)
                 for topic in ("scan", "temperature")
             }
-            for time, topic, value in _drive():
+            for time, topic, value in small_drive():
                 at_ns = EPOCH_NS + round(time * SECOND)
                 made = ROS1.serialize_ros1(message(ROS1, topic, value, at_ns, "base"), KINDS[topic])
                 writer.write(of[topic], at_ns, made)
@@ -95,7 +95,7 @@ def _mcap(compression: CompressionType, **options: Any) -> Callable[[Path], None
                 text, _ = ROS2.generate_msgdef(KINDS[topic], ros_version=2)
                 schema = writer.register_schema(KINDS[topic], "ros2msg", text.encode())
                 channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
-            for number, (time, topic, value) in enumerate(_drive()):
+            for number, (time, topic, value) in enumerate(small_drive()):
                 at_ns = EPOCH_NS + round(time * SECOND)
                 body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
                 writer.add_message(channels[topic], at_ns, body, at_ns, number)
@@ -115,7 +115,7 @@ def _db3(*, compressed: bool) -> Callable[[Path], None]:
                 topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS2)
                 for topic in ("scan", "temperature")
             }
-            for time, topic, value in _drive():
+            for time, topic, value in small_drive():
                 at_ns = EPOCH_NS + round(time * SECOND)
                 made = ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic])
                 writer.write(of[topic], at_ns, made)

@@ -175,9 +175,9 @@ def _of_change(event: Event) -> Notice | None:
 
 
 def _measured(data: Json) -> list[str]:
-    """Return what was measured of the symptoms of a repair's newest round."""
-    rounds = data.get("rounds")
-    found = [one for one in rounds[-1].get("symptoms", ()) if one.get("reading")] if rounds else []
+    """Return what was measured of the symptoms that a repair's newest round, or its end, rests on."""
+    newest: Json = data.get("unmended") or next(reversed(data.get("rounds") or ()), {})
+    found = [one for one in newest.get("symptoms", ()) if one.get("reading")]
     return [f"{one['literal']}: {one['reading']['text']}" for one in found[:MOST_MEASURED]]
 
 

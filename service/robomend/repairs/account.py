@@ -43,7 +43,7 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
         result: the diagnosis that was chosen from.
         entries: what is known of the robot; what does not hold are its symptoms.
     """
-    bad = frozenset(choice.diagnosis.bad) if choice.diagnosis else frozenset()
+    bad = frozenset(blamed(result, choice))
     symptoms = sorted(filter(_symptom, entries), key=began)
     rests = [(one.components, tuple(map(str, one.observations))) for one in result.conflicts]
     conflicts = [one.text for one in result.conflicts if set(one.components) & bad]
@@ -67,6 +67,12 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
     }
 
 
+def blamed(result: DiagnosisResult, choice: Choice) -> tuple[str, ...]:
+    """Return what is blamed by the diagnosis that was chosen, or the leading one where nothing mends any."""
+    found = choice.diagnosis or next(iter(result.diagnoses), None)
+    return () if found is None else tuple(found.bad)
+
+
 def outcome(round_: Json, entry_of: Mapping[Atom, Entry]) -> list[dict[str, Any]]:
     """Return what is known of a round's symptoms now, and what else does not hold; of a symptom that nobody
     reports any more, nothing.
@@ -88,6 +94,11 @@ def account(repair: Json) -> list[str]:
         lines += (_waited(wait) for wait in waits if wait["round"] == number)
         lines += _round(number, done)
     lines += (_waited(wait) for wait in waits if wait["round"] > len(repair["rounds"]))
+    if vain := repair.get("unmended"):
+        lines.append(
+            f"{_clock(vain['began_ns'])} {', '.join(vain['diagnosis']['bad'])} blamed, and not mended"
+        )
+        lines += _grounds(vain)
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
@@ -100,18 +111,23 @@ def account(repair: Json) -> list[str]:
 def _round(number: int, done: Json) -> list[str]:
     at = f"{_clock(done['began_ns'])} " if done.get("began_ns") else ""
     lines = [f"{at}round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_weight(done.get('weight'))}"]
-    lines += [f"  symptom {_observed(symptom)}" for symptom in done.get("symptoms", ())]
-    if done.get("symptoms_left_out"):
-        lines.append(f"  and {counted(done['symptoms_left_out'], 'more symptom')}")
-    lines += [f"  conflict: {text}" for text in done.get("conflicts", ())]
-    lines.append(f"  chosen: {in_prose(done['why'])}")
-    lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]
+    lines += _grounds(done)
     for step in done["plan"]:
         lines.append(f"  {_step(step, ended=done['ending'] is not None)}")
     lines += [f"  seen after it: {_observed(one)}{_anew(one, done)}" for one in done.get("after", ())]
     if done["ending"] is not None:
         lines.append(f"  {how_it_ended(done)}")
     return lines
+
+
+def _grounds(done: Json) -> list[str]:
+    lines = [f"  symptom {_observed(symptom)}" for symptom in done.get("symptoms", ())]
+    if done.get("symptoms_left_out"):
+        lines.append(f"  and {counted(done['symptoms_left_out'], 'more symptom')}")
+    lines += [f"  conflict: {text}" for text in done.get("conflicts", ())]
+    if done.get("why"):
+        lines.append(f"  chosen: {in_prose(done['why'])}")
+    return [*lines, *(f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ()))]
 
 
 def not_chosen(rival: Json, done: Json) -> str:

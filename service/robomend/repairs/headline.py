@@ -529,8 +529,9 @@ def _atom(literal: str) -> Atom | None:
 
 
 def _round(repair: Json) -> Json | None:
+    """Return what a repair rests on: its newest round, or what it found that nothing mends."""
     rounds = repair.get("rounds")
-    newest: Json | None = rounds[-1] if rounds else None
+    newest: Json | None = repair.get("unmended") or (rounds[-1] if rounds else None)
     return newest
 
 

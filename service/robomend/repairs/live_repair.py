@@ -227,6 +227,8 @@ class LiveRepair:
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
             self._first = await self._record.begin_round(found, result, entries)
+        else:
+            self._record.not_mended(found, result, self._state.sight.entries())
         return found
 
     async def _too_early(self, choice: Choice, result: DiagnosisResult) -> bool:

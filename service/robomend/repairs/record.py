@@ -16,7 +16,7 @@ from typing import Any
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Choice
-from robomend.repairs.account import MOST, grounds, outcome
+from robomend.repairs.account import MOST, blamed, grounds, outcome
 from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
@@ -308,6 +308,7 @@ class RepairRecord(ActionRecord):
             reason=why,
             round=len(rounds),
             rounds=rounds,
+            unmended=None,
             diagnosis=diagnosis,
             plan=steps,
             cost=plan.cost,
@@ -316,6 +317,13 @@ class RepairRecord(ActionRecord):
             waiting_for=[],
         )
         return first
+
+    def not_mended(self, choice: Choice, result: DiagnosisResult, entries: Iterable[Entry]) -> None:
+        """Note what is blamed while nothing is known to mend it, and what that rests on."""
+        bad = list(blamed(result, choice))
+        good = [name for name in result.components if name not in bad]
+        vain = {"began_ns": time.time_ns(), "diagnosis": {"bad": bad, "good": good}, "plan": []}
+        self._data = {**self._data, "unmended": {**vain, **grounds(result, choice, entries)}}
 
     async def end_round(
         self,

@@ -115,6 +115,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "diagnosis": data.get("diagnosis"),
         "plan": plan,
         "rounds": rounds,
+        "unmended": data.get("unmended"),
         "cost": data.get("cost"),
         "assumed": data.get("assumed", []),
         "unreachable": data.get("unreachable", []),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -30,8 +31,10 @@ from robomend_client.observers import (
     Wiring,
     ns,
 )
-from robomend_client.observers.kinds import KINDS, load_kind
+from robomend_client.observers.kinds import KINDS, read_observers
+from robomend_client.observers.listener import Listener
 from robomend_client.readings import Reading, Symptom
+from robomend_client.yaml_reader import read
 
 
 def told(driver: Driver) -> dict[str, tuple[str, Symptom | None]]:
@@ -168,58 +171,78 @@ GOAL = {"goal_info": {"goal_id": {"uuid": [1] * 16}, "stamp": {"sec": 0, "nanose
 T0 = 1_764_000_000
 UP_AND_DOWN = ["configuring", "inactive", "activating", "active", "deactivating", "inactive"]
 
-BAD: dict[str, tuple[dict[str, object], list[tuple[float, str, object]]]] = {
-    "general": ({"topic": "scan"}, _times("scan", None, 10, 1)),
-    "node": ({"nodes": ["n"]}, _times("processes", [])),
+Samples = list[tuple[float, str, object]]
+
+BAD: dict[str, tuple[str, dict[str, object], Samples]] = {
+    "general": ("scan", {}, _times("scan", None, 10, 1)),
+    "node": ("n", {}, _times("processes", [])),
     "diagnostic": (
-        {"atom": "d", "status": ["d*"]},
+        "d",
+        {"status": ["d*"]},
         _times("diagnostics", [{"name": "d: x", "level": 2, "message": "no data", "values": {}}]),
     ),
-    "multiple": (
-        {"atom": "ok(a)", "in_topic": "ask", "out_topic": "answer"},
-        [(0, "ask", None), (3, "else", None)],
-    ),
-    "qualitative": ({"value": "x", "source": "o:x"}, _times("o:x", 0.42)),
+    "multiple": ("a", {"in_topic": "ask", "out_topic": "answer"}, [(0, "ask", None), (3, "else", None)]),
+    "qualitative": ("x", {"source": "o:x"}, _times("o:x", 0.42)),
     "binary_qualitative": (
-        {"atom": "matched(x,y)", "first": "o:x", "second": "i:y"},
+        "matched(x,y)",
+        {"first": "o:x", "second": "i:y"},
         [(k / 10, s, k / 10 if s == "o:x" else 0.42) for k in range(100) for s in ("o:x", "i:y")],
     ),
-    "hardware": ({"wiring": {"motor": Wiring(0, 3.0)}}, _times("board", [{"on": True, "current_a": 1.0}])),
-    "property": ({"atom": "p", "source": "b:v", "band": Band(low=22)}, _times("b:v", 19.1)),
-    "goals": ({"atom": "ok(goals,dock)"}, [(1, "dock/_action/status:status_list[-64:]", [GOAL])]),
+    "hardware": (
+        "board",
+        {"wiring": {"motor": {"channel": 0, "expected_current_a": 3.0}}},
+        _times("board", [{"on": True, "current_a": 1.0}]),
+    ),
+    "property": ("p", {"source": "b:v", "low": 22, "unit": "V"}, _times("b:v", 19.1)),
+    "goals": ("ok(goals,dock)", {}, [(1, "dock/_action/status:status_list[-64:]", [GOAL])]),
     "rosout": (
-        {"atom": "ok(log,camera)"},
+        "ok(log,camera)",
+        {},
         [(1, "rosout:level,name,msg", {"level": 40, "name": "camera", "msg": "no device"})],
     ),
     "lifecycle": (
-        {"atom": "ok(lifecycle,camera)", "source": "s"},
+        "ok(lifecycle,camera)",
+        {"source": "s"},
         [
             (k, "s", {"start_state.label": before, "goal_state.label": state})
             for k, (before, state) in enumerate(pairwise(UP_AND_DOWN))
         ],
     ),
-    "changing": ({"atom": "ok(moves,imu)", "source": "i:z"}, _times("i:z", 0.42, 200)),
+    "changing": ("ok(moves,imu)", {"source": "i:z"}, _times("i:z", 0.42, 200)),
     "age": (
-        {"atom": "ok(age,scan)", "source": "s"},
+        "ok(age,scan)",
+        {"source": "s"},
         [(T0 + k / 10, "s", {"sec": T0 - 60, "nanosec": 0}) for k in range(40)],
     ),
-    "publishers": (
-        {"atom": "ok(publishers,odom)"},
-        [(0, "odom", Publishers(("/a", "/b"))), (5, "odom", None)],
-    ),
-    "qos": ({"atom": "ok(qos,scan)"}, _times("mismatches", {"scan": "/a offers less than /b asks for"})),
-    "restarts": (
-        {"atom": "ok(restarts,laser)"},
-        [(k, "processes", {"laser": k % 2 == 0}) for k in range(12)],
-    ),
+    "publishers": ("ok(publishers,odom)", {}, [(0, "odom", Publishers(("/a", "/b"))), (5, "odom", None)]),
+    "qos": ("ok(qos,scan)", {}, _times("mismatches", {"scan": "/a offers less than /b asks for"})),
+    "restarts": ("ok(restarts,laser)", {}, [(k, "processes", {"laser": k % 2 == 0}) for k in range(12)]),
 }
-"""Of each kind: how one is made, and what is bad to it."""
+"""Of each kind: the name and the keys of one in an agent's file, and what is bad to it."""
+
+
+def bad_of(kind: str, folder: Path, listener: Listener | None = None) -> tuple[Path, dict[str, Reading]]:
+    """Return an agent's file with an observer of this kind, and what it measured as literals turned bad."""
+    name, keys, samples = BAD[kind]
+    file = folder / "agent.yaml"
+    file.write_text(json.dumps({"observers": {name: {"kind": kind, **keys}}}))
+    [spec] = read_observers(read(file), folder)
+    driver = Driver([spec.make()], ns(samples[0][0]), listener=listener)
+    changes: list[Change] = []
+    for at_s, source, value in samples:
+        if isinstance(value, Publishers):
+            changes += driver.publishers(source, value.nodes, ns(at_s))
+        else:
+            changes += driver.sample(source, ns(at_s), value, ns(at_s))
+    changes += driver.advance(ns(samples[-1][0] + 0.05))
+    found: dict[str, Reading] = {}
+    for change in changes:
+        if change.reading is not None and change.reading.symptom is not None:
+            found.setdefault(str(change.value), change.reading)
+    return file, found
 
 
 @pytest.mark.parametrize("kind", KINDS.built_in)
-def test_each_kind_says_what_it_measured_where_something_is_bad(kind: str) -> None:
-    given, samples = BAD[kind]
-    observer = load_kind(kind, Path())(**given)
-    found = of(observer, *samples, until_s=samples[-1][0] + 0.05)
-    said = [one for one in found.values() if isinstance(one, tuple) and one[1] is not None]
-    assert [text for text, _ in said if text], found
+def test_each_kind_says_what_it_measured_where_something_is_bad(kind: str, tmp_path: Path) -> None:
+    _, found = bad_of(kind, tmp_path)
+    assert [one for one in found.values() if str(one)], found

@@ -97,6 +97,18 @@ class RepairRound(Out):
     )
 
 
+class Unmended(Out):
+    """What no known act mends."""
+
+    began_ns: int
+    began: Moment = moment_of("began_ns")
+    diagnosis: BadAndGood
+    symptoms: list[SeenSymptom]
+    symptoms_left_out: int
+    conflicts: list[str]
+    rivals: list[Rival]
+
+
 class RepairWait(Out):
     """What a repair waited for, and how long."""
 
@@ -139,6 +151,9 @@ class RepairOut(Out):
     diagnosis: BadAndGood | None
     plan: list[RepairStep]
     rounds: list[RepairRound]
+    unmended: Unmended | None = Field(
+        default=None, description="what is blamed after them that nothing is known to mend; null: nothing"
+    )
     cost: float | None
     assumed: list[str]
     unreachable: list[str]

@@ -1,0 +1,250 @@
+"""Files as other people have them, at the command: each is read right, or it is said that it was not."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode
+from rosbags.rosbag2 import Writer as Writer2
+from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS1, ROS2, message
+from tests.robomend_batch.rover import told
+from tests.robomend_batch.running import batch_run, intervals, logs
+from tests.robomend_batch.test_damage import FORMATS, MODEL, OBSERVERS, small_drive
+from tests.robomend_batch.test_evidence import Recorder
+
+from robomend_client.observers.base import SECOND
+
+# --- what a log says of a device, as drivers write it ------------------------------------------------------
+
+DEVICE = """
+robomend: 1
+name: r
+nodes: {arm: {publishes: {odom: []}}}
+properties: {device: {}, value: {}}
+rules: ["not ab(arm) -> ok(device) and ok(value)"]
+"""
+
+Status = dict[str, Any]
+
+
+def status(level: int = 0, name: str = "arm: motor", **values: object) -> Status:
+    pairs = [{"key": key, "value": str(value)} for key, value in values.items()]
+    return {"level": level, "name": name, "message": "", "hardware_id": "", "values": pairs}
+
+
+def repeated(*values: object) -> Status:
+    """A status in which one key comes several times."""
+    return {**status(), "values": [{"key": "value", "value": str(value)} for value in values]}
+
+
+NONE: set[str] = set()
+BAD = {"not ok(value)"}
+HOT, COLD = status(value=95), status(value=40)
+PLAIN_RULE = "value < 60"
+
+DIAGNOSTICS: dict[str, tuple[list[Status], str, str, set[str]]] = {
+    "worst first": ([HOT, COLD], PLAIN_RULE, "arm: *", BAD),
+    "worst last": ([COLD, HOT], PLAIN_RULE, "arm: *", BAD),
+    "worst of other names": ([status(name="arm: a", value=95), COLD], PLAIN_RULE, "arm: *", BAD),
+    "a worse level first": ([status(2), status(0)], PLAIN_RULE, "arm: *", {"not ok(device)"}),
+    "a key that repeats": ([repeated(95, 40)], PLAIN_RULE, "arm: *", BAD),
+    "a key that repeats otherwise": ([repeated(40, 95)], PLAIN_RULE, "arm: *", BAD),
+    "brackets": ([status(name="CPU Usage [robot-c2]", value=95)], PLAIN_RULE, "CPU Usage [robot-c2]", BAD),
+    "no class of letters": ([status(2, name="CPU Usage r", value=95)], PLAIN_RULE, "CPU Usage [r]", NONE),
+    "hexadecimal": ([status(value="0x1F")], "value != 31", "arm: *", BAD),
+    "a comma": ([status(value="39,5")], "value < 39.4", "arm: *", BAD),
+    "a comma that is not before tenths": ([status(value="39,5")], "value != 39", "arm: *", NONE),
+    "a comma that may be another": ([status(value="1,234")], "value < 0", "arm: *", NONE),
+    "false": ([status(value="False")], "value == FALSE", "arm: *", NONE),
+    "true": ([status(value="True")], "value == FALSE", "arm: *", BAD),
+    "a text": ([status(value="worn")], "value == OK", "arm: *", BAD),
+    "not that text": ([status(value="ok")], "value != OK", "arm: *", BAD),
+    "without a name": ([status(2, name="")], PLAIN_RULE, "", {"not ok(device)"}),
+}
+
+
+@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
+@pytest.mark.parametrize("topic", ["/diagnostics", "/diagnostics_agg", "/robot1/diagnostics"])
+def test_diagnostics_are_read_as_drivers_write_them(topic: str, log: str, tmp_path: Path) -> None:
+    (tmp_path / "model.yaml").write_text(DEVICE)
+    for number, (what, (said, rule, name, expected)) in enumerate(DIAGNOSTICS.items()):
+        keys: dict[str, Any] = {"kind": "diagnostic", "status": [name], "rules": [rule], "lifetime_s": 60}
+        agent: dict[str, Any] = {"observers": {"device": keys}}
+        if topic == "/diagnostics_agg":
+            keys["source"] = "diagnostics_agg"
+        if topic.startswith("/robot1"):
+            agent["ros1"] = {"namespace": "/robot1"}
+        (tmp_path / "agent.yaml").write_text(json.dumps(agent))
+        store, cdr = (ROS1, False) if log.endswith(".bag") else (ROS2, True)
+        record = Recorder(store, cdr)
+        record(0, topic, "diagnostic_msgs/msg/DiagnosticArray", status=said)
+        record(5, "/odom", "std_msgs/msg/String", data="x")  # the status comes once, and counts
+        out = tmp_path / f"out{number}"
+        given = record.write(tmp_path / f"{number}{log}"), "--observers", tmp_path / "agent.yaml"
+        assert batch_run(out, *given, model=tmp_path / "model.yaml") == 0
+        assert {one for interval in intervals(out) for one in interval["observations"]} == expected, what
+
+
+# --- messages that are not what a file says of them --------------------------------------------------------
+
+
+@pytest.fixture
+def heater(tmp_path: Path) -> tuple[Path, Path, Path]:
+    """Its model, its observers, and those of times alone."""
+    model, values, times = (tmp_path / name for name in ("m.yaml", "values.yaml", "times.yaml"))
+    model.write_text(MODEL)
+    values.write_text(OBSERVERS)
+    times.write_text(OBSERVERS.split("observers")[0])
+    return model, values, times
+
+
+DEFINITIONS = {
+    "longer": "float64 data\nfloat64[4] more\n",
+    "shorter": "float32 data\n",
+    "right": "float64 data\n",
+}
+SUMS: dict[str, dict[str, str]] = {"bag": {"md5sum": "0" * 32}, "db3": {"rihs01": "RIHS01_" + "0" * 64}}
+
+
+@pytest.mark.parametrize("definition", DEFINITIONS)
+@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
+def test_messages_of_another_length_than_their_type_are_no_values(
+    log: str, definition: str, heater: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    model, values, _ = heater
+    file, kind, text = tmp_path / log, KINDS["temperature"], DEFINITIONS[definition]
+    samples = [(float(n) / 20, "temperature", float(n)) for n in range(160)]  # it rises throughout
+    store = ROS1 if log.endswith(".bag") else ROS2
+    bodies = [
+        bytes(
+            getattr(store, "serialize_ros1" if store is ROS1 else "serialize_cdr")(
+                message(store, topic, value, 0, ""), kind
+            )
+        )
+        for _, topic, value in samples
+    ]
+    times = [EPOCH_NS + round(at_s * SECOND) for at_s, *_ in samples]
+    if log.endswith(".mcap"):
+        with file.open("wb") as opened:
+            writer = McapWriter(opened)
+            writer.start(profile="ros2", library="test")
+            schema = writer.register_schema(kind, "ros2msg", text.encode())
+            channel = writer.register_channel("/temperature", "cdr", schema)
+            for time_ns, body in zip(times, bodies, strict=True):
+                writer.add_message(channel, time_ns, body, time_ns)
+            writer.finish()  # type: ignore[no-untyped-call]  # the library's
+    else:
+        folder = tmp_path / "folder"
+        bag: Any = Writer1(file) if store is ROS1 else Writer2(folder, version=9)
+        with bag:
+            of = bag.add_connection("/temperature", kind, msgdef=text, typestore=store, **SUMS[log[2:]])
+            for time_ns, body in zip(times, bodies, strict=True):
+                bag.write(of, time_ns, body)
+        if store is ROS2:
+            next(folder.glob("*.db3")).rename(file)
+    code = batch_run(tmp_path / "out", file, "--observers", values, model=model)
+    (record,) = logs(tmp_path / "out")
+    faulty = [bad for _, state, bad in told(tmp_path / "out") if state == "faulty"]
+    if definition == "right":
+        assert (code, record["state"], faulty) == (0, "ok", [[["heater_node"]]])
+    else:
+        assert (code, record["state"]) == (2, "bad")
+        assert faulty == []  # its rate is judged, its values are not
+        assert any("cannot be unpacked" in one["reason"] for one in record["problems"])
+
+
+@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
+def test_a_db3_that_rosbag2_has_packed_says_what_it_says_plain(
+    mode: str, heater: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    model, values, _ = heater
+    found = {}
+    for name in ("plain", mode):
+        writer = Writer2(tmp_path / name, version=9)
+        if name != "plain":
+            writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+        with writer:
+            of = {
+                t: writer.add_connection(f"/{t}", KINDS[t], typestore=ROS2) for t in ("scan", "temperature")
+            }
+            for at_s, topic, value in small_drive():
+                at_ns = EPOCH_NS + round(at_s * SECOND)
+                body = ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic])
+                writer.write(of[topic], at_ns, body)
+        given = tmp_path / name, "--observers", values
+        assert batch_run(tmp_path / f"out-{name}", *given, model=model) == 0
+        found[name] = told(tmp_path / f"out-{name}")
+    assert found[mode] == found["plain"]
+    assert {state for _, state, _ in found["plain"]} >= {"faulty", "healthy"}
+
+
+# --- files that are damaged in one certain place -----------------------------------------------------------
+
+
+def test_one_bit_in_the_first_of_many_bz2_chunks_costs_that_chunk(
+    heater: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    model, values, _ = heater
+    log = tmp_path / "bz2.bag"
+    FORMATS["bz2.bag"](log)
+    given = log, "--observers", values
+    assert batch_run(tmp_path / "whole", *given, model=model) == 0
+    data = bytearray(log.read_bytes())
+    chunks = [at for at in range(len(data)) if data.startswith(b"BZh9", at)]
+    assert len(chunks) >= 8
+    data[chunks[0] + 40] ^= 1
+    log.write_bytes(data)
+    assert batch_run(tmp_path / "out", *given, model=model) == 2
+    (record,) = logs(tmp_path / "out")
+    assert record["state"] == "bad"
+    assert any("chunk at byte" in one["reason"] and "damaged" in one["reason"] for one in record["problems"])
+    before, after = told(tmp_path / "whole"), told(tmp_path / "out")
+    assert after[0][1] == "unknown"  # the hole
+    assert [one for one in after if one[0] > 2.5] == [one for one in before if one[0] > 2.5]
+    assert record["span_ns"]["healthy"] > 3 * SECOND
+
+
+def flips(stamp: bytes) -> list[bytes]:
+    """Return a stamp with one bit changed in each of its bytes, and what no stamp is."""
+    number = int.from_bytes(stamp, "little")
+    return [
+        *((number ^ 0x40 << 8 * place).to_bytes(8, "little") for place in range(8)),
+        bytes(8),
+        b"\xff" * 8,
+    ]
+
+
+@pytest.mark.parametrize("by_values", [True, False], ids=["values", "times"])
+@pytest.mark.parametrize("log", ["none.bag", "none.mcap", "none-unchecked.mcap", "none-stream.mcap"])
+def test_a_damaged_stamp_makes_no_fault_of_years(
+    log: str, by_values: bool, heater: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    """In an index, and in a message within a chunk, which is what a chunk has as bytes of its own."""
+    model, values, times = heater
+    file = tmp_path / log
+    FORMATS[log](file)
+    given = file, "--observers", values if by_values else times
+    assert batch_run(tmp_path / "whole", *given, model=model) == 0
+    whole = file.read_bytes()
+    stamp = EPOCH_NS + 4 * SECOND
+    raw = struct.pack("<II", *divmod(stamp, SECOND)) if log.endswith(".bag") else struct.pack("<Q", stamp)
+    places = [at for at in range(len(whole) - 8) if whole.startswith(raw, at)]
+    assert len(places) >= 2 - ("stream" in log)  # the message's own, and that of the index
+    before = [start for start, state, _ in told(tmp_path / "whole") if state == "faulty"]
+    for number, (at, other) in enumerate((at, other) for at in places for other in flips(raw)):
+        file.write_bytes(whole[:at] + other + whole[at + 8 :])
+        out = tmp_path / f"out{number}"
+        code = batch_run(out, *given, model=model)
+        (record,) = logs(out)
+        found = [(start, state) for start, state, _ in told(out)]
+        assert all(0 <= start < 9 for start, _ in found), (at, found)
+        assert record["end_ns"] < EPOCH_NS + 9 * SECOND
+        if code == 0:
+            faulty = [start for start, state in found if state == "faulty"]
+            assert faulty == pytest.approx(before, abs=0.4), (at, other)
