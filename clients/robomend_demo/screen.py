@@ -15,6 +15,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from robomend.planning.plan import action_title, action_titles
 from robomend_client.events import Event, Kind
 from robomend_demo.record import FINAL
 from robomend_demo.scenarios import SCENARIOS
@@ -122,13 +123,19 @@ def tell(event: Event) -> str | None:
             shown = " or ".join(braces(bad) for bad in found[:2])
             return f"diagnosis: {shown}" + (f" or {len(found) - 2} more" if len(found) > 2 else "")
         case Kind.REPAIR if data["state"] == "planning" and data["plan"]:
-            return "plan: " + ", ".join(step["text"] for step in data["plan"])
+            return "plan: " + ", ".join(action_titles(_parted(step["text"]) for step in data["plan"]))
         case Kind.REPAIR if data["state"] in FINAL:
             return f"repair {data['state']}: {data['reason']}"
         case Kind.ACTION if "repair" in data and data["state"] in {"done", "already-there", "failed"}:
             why = f": {data['message']}" if data["state"] == "failed" else ""
-            return f"{data['text']} {data['state']}{why}"
+            return f"{action_title(*_parted(data['text']))}: {data['state']}{why}"
     return None
+
+
+def _parted(text: str) -> tuple[str, list[str]]:
+    """Return the name and the parameters of a step, `start_node(imu_node)`."""
+    name, _, rest = text.removesuffix(")").partition("(")
+    return name, [one.strip() for one in rest.split(",") if one.strip()]
 
 
 def braces(names: Sequence[str]) -> str:
@@ -297,7 +304,7 @@ def _actions(view: RobotView, zero_ns: int, now_ns: int, *, began: bool) -> Tabl
         at = "" if act.sent_ns is None else f"{(act.sent_ns - zero_ns) / 1e9:.2f} s"
         ended = act.ended_ns or now_ns
         took = "" if act.sent_ns is None else f"{(ended - act.sent_ns) / 1e9:.2f} s"
-        text = Text(act.text, style if act.state != "done" else "")
+        text = Text(action_title(*_parted(act.text)), style if act.state != "done" else "")
         table.add_row(Text(sign, style), text, *([at] if began else []), took)
     return table
 

@@ -40,7 +40,7 @@ def test_the_picture_says_who_is_bad_and_what_is_being_done() -> None:
     assert "n          ███ bad" in now
     assert "h          ─── good" in now
     assert "repairing" in now
-    assert "▶  start_node(n)  0.12 s  0.03 s" in now
+    assert "▶  Start n  0.12 s  0.03 s" in now
 
 
 def test_a_component_that_only_some_diagnoses_blame_is_a_suspect() -> None:
@@ -48,18 +48,18 @@ def test_a_component_that_only_some_diagnoses_blame_is_a_suspect() -> None:
     assert "not diagnosed yet" in drawn(seen(0), 0)
 
 
-def test_the_longest_names_of_the_robot_fit_80_columns() -> None:
+def test_the_longest_names_of_the_robot_fit_72_columns() -> None:
     components = load_model(resource("examples", "tedusar.yaml")).cnf.components
     view = seen(130)
     assert view.repair is not None
-    longest = f"start_node({max(components, key=len)})"
+    longest = f"power_up({max(components, key=len)})"
     for done in view.repair["rounds"]:
         for step in done["plan"]:
             step["text"] = longest
     view.acts.clear()
-    lines = drawn(view, 150, components, 80).splitlines()
-    assert all(len(line) <= 80 for line in lines)
-    assert any(f"·  {longest}" in line for line in lines)
+    lines = drawn(view, 150, components, 72).splitlines()
+    assert all(len(line) <= 72 for line in lines)
+    assert any(f"·  Power up {max(components, key=len)}" in line for line in lines)
     for name in components:
         assert sum(line.startswith((f"{name} ", f" {name} ")) for line in lines) == 1  # in one line, whole
     assert lines[-2].strip() == "███ bad   ▄▄▄ suspect   ─── good"
@@ -68,7 +68,7 @@ def test_the_longest_names_of_the_robot_fit_80_columns() -> None:
 def test_the_end_says_that_all_is_good_and_verified() -> None:
     end = drawn(seen(500), 500)
     assert "all good, and verified" in end
-    assert "✓  start_node(n)  0.12 s  0.29 s" in end
+    assert "✓  Start n  0.12 s  0.29 s" in end
 
 
 def test_lines_tell_each_thing_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,10 +81,10 @@ def test_lines_tell_each_thing_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.out == ""
     assert [line.split(" s  ")[-1] for line in printed.err.splitlines()[1:]] == [
         "diagnosis: {n}",
-        "plan: start_node(n)",
+        "plan: Start n",
         "diagnosis: {h} or {n}",
         "diagnosis: healthy",
-        "start_node(n) done",
+        "Start n: done",
         "repair repaired: ",
     ]
 
