@@ -372,3 +372,31 @@ def test_a_bad_self_report_over_good_data_is_worth_one_restart_and_no_power_cycl
     assert chosen(BASE, *good, symptoms=warned, tried=driven_in_vain(1)).plan is None
     # Over bad data, or none, it is one symptom as any.
     assert chosen(BASE, fails("ok", "diagnostics"), symptoms=warned).alternatives[0].helps == 1.0
+
+
+LOADED = load_text(
+    """
+robomend: 1
+hardware: {pc: {computer: true}}
+nodes:
+  camera: {host: pc, publishes: {image: []}}
+  lidar: {host: pc, publishes: {scan: []}}
+  imu: {host: pc, publishes: {accel: []}}
+  slam: {host: pc, publishes: {map: [image, scan]}}
+  planner: {host: pc, publishes: {path: [map]}}
+"""
+)
+
+
+@pytest.mark.parametrize(
+    "told", [(fails("ok", "load", "pc"),), ()], ids=["load is seen", "nobody watches it"]
+)
+def test_of_many_that_are_late_at_once_on_a_loaded_computer_none_is_restarted(
+    told: tuple[Literal, ...],
+) -> None:
+    nodes = ("camera", "lidar", "imu", "slam", "planner")
+    late = [fails("ok", topic) for topic in ("image", "scan", "accel", "map", "path")]
+    slow = {literal.atom: Symptom.SLOW for literal in late}
+    choice = chosen(LOADED, *told, *(holds("running", node) for node in nodes), *late, symptoms=slow)
+    assert choice.plan is None
+    assert "pc" in choice.reason

@@ -125,3 +125,24 @@ def test_what_is_heard_of_in_part_is_no_new_fault_whoever_else_may_be_blamed_for
     # The first time at once, as by an agent that went away and came back.
     gaps = [after - before for before, after in pairwise(begun)]
     assert all(gap >= LAPSED_S * 2**n for n, gap in enumerate(gaps[1:]))
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, 0.0, 3600.0])
+def test_what_is_tried_again_after_a_while_is_so_whatever_the_computers_clock_does_meanwhile(
+    jump_s: float,
+) -> None:
+    """As at a boot without a battery for its clock: NTP sets it a while later."""
+    now_s, wall_s = 1000.0, 1e9
+    sight = SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
+    current = SimpleNamespace(healthy=False, bad_sets=tuple(LIDAR), revision=1)
+    config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
+    robot: Any = SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
+    found = ReasonsToRepair()
+    with patch("time.monotonic", lambda: now_s), patch("time.time_ns", lambda: round(wall_s * 1e9)):
+        assert found.wait_s(robot, Policy(), Stop()) == 0.0
+        found.gave_up(LIDAR, round((wall_s + 120.0) * 1e9), interlocked=False, takes_up={"times": 1})
+        now_s, wall_s = now_s + 110.0, wall_s + 110.0 + jump_s
+        assert found.wait_s(robot, Policy(), Stop()) > 0.0
+        now_s, wall_s = now_s + 10.1, wall_s + 10.1
+        assert found.wait_s(robot, Policy(), Stop()) == 0.0
+        assert found.again == {"times": 1}

@@ -122,6 +122,24 @@ async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp
         assert not [one for one in said if "report" in one]
 
 
+async def test_a_source_to_be_believed_that_does_not_exist_and_two_agents_of_one_name_are_named(
+    tmp_path: Path,
+) -> None:
+    async def polls(runtime: Runtime, host: str) -> None:
+        await runtime.repairs.orders("r1", host=host, wait_s=0.0, agent="onboard", can=[], observes={})
+
+    async with service(tmp_path) as runtime:
+        await put(runtime, believe=["pc1", "test robot"])
+        robot = Robot(runtime.repairs, runtime.robots)
+        await robot.settled()
+        for host in ("pc1", "pc2") * 3:
+            await polls(runtime, host)
+        said = list(await runtime.repairs.findings("r1"))
+    assert "`believe` names pc1, and no source of that name has reported anything yet" in said
+    named = "two agents call themselves 'onboard', on 'pc1' and 'pc2': give each its own "
+    assert [one for one in said if "call themselves" in one] == [f"{named}(`agent:` of the agent's file)"]
+
+
 async def test_nodes_that_no_agent_restarts_are_named_once_all_agents_were_heard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -183,6 +183,31 @@ async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its
     assert [step["text"] for step in asked["plan"]] == ["stop_node(mapping)", "start_node(mapping)"]
 
 
+async def test_a_flicker_withdraws_no_plan_that_waits_for_a_yes(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        observes = {"ok(map)": (0.1, 2.0)}  # so long its observer may need to see it fail again
+        await runtime.repairs.orders(
+            "r1", host=None, wait_s=0.0, agent="observer", can=[], observes=observes, settled=None
+        )
+        robot.broken_topics.add("map")
+        asked = await the_repair(runtime, ended=False)
+        for _ in range(3):
+            robot.broken_topics.clear()
+            await robot.settled()
+            robot.broken_topics.add("map")
+            await robot.settled()
+        robot.spoil = mends_the_map
+        await runtime.repairs.approve(asked["id"], by="ann", reason="")
+        repair = await the_repair(runtime)
+    assert (repair["id"], repair["state"]) == (asked["id"], "repaired")
+
+
+async def mends_the_map(robot: Robot, name: str, parameter: str) -> int | None:
+    robot.broken_topics.clear()
+    return None
+
+
 async def test_after_the_policy_became_observe_the_running_repair_does_nothing_more(tmp_path: Path) -> None:
     begun, forbidden = asyncio.Event(), asyncio.Event()
 

@@ -7,7 +7,7 @@ observation of the true state (universe.py), what would have been enough from th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -156,6 +156,12 @@ def _alarms(record: Record, diagnoses: Iterable[Diagnosed], delay_s: float) -> i
             count += not any(state for _, state in record.states_between(each.at_s - delay_s, each.at_s))
         well = each.healthy or bool(each.fault)
     return count
+
+
+def _acted_on(anatomy: Anatomy, names: Collection[str]) -> set[str]:
+    """Return what acts that name these change: a supply's cycle is one of what hangs on it, a bus too."""
+    fed = {device for name in names for device in anatomy.fed.get(name, ())}
+    return {*names, *fed, *(device.name for device in anatomy.devices.values() if device.bus in names)}
 
 
 def _silent(record: Record, anatomy: Anatomy, from_s: float, until_s: float) -> list[str]:
@@ -473,7 +479,7 @@ class _Scoring:
         for each in record.credited:
             before = broken(anatomy, record.state_at(each.from_s))
             after = broken(anatomy, record.state_at(each.until_s + GRACE_S))
-            if not (before - after) & set(each.components):
+            if not (before - after) & _acted_on(anatomy, each.components):
                 found.credited.append(f"{each.from_s:.2f} s: {', '.join(each.components)}")
 
     # --- times

@@ -66,7 +66,7 @@ class ReasonsToRepair:
 
     def __init__(self) -> None:
         self.given_up: BadSets | None = None  # the diagnoses that the last repair could not mend
-        self.retry_ns: int | None = None  # when they may be tried again
+        self._retry_s: float | None = None  # when they may be tried again, monotonic
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.again: Json | None = (
             None  # the repair that the next one takes up: its id, and how often that was
@@ -94,7 +94,7 @@ class ReasonsToRepair:
             return
         if data.get("given_up") is not None:
             self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
-            self.retry_ns = data.get("retry_ns")
+            self._retry_s = _from_now(data.get("retry_ns"))
             self.interlocked = bool(data.get("interlocked"))
             self._taken_up = data.get("takes_up")
             self._unheard = bool(data.get("unheard"))
@@ -129,7 +129,7 @@ class ReasonsToRepair:
             takes_up: what the repair that begins after `retry_ns` is told of this one.
             agents: what the agents could do (`DeclaredAgents.changes`), if it may have been too little.
         """
-        self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
+        self.given_up, self._retry_s, self.interlocked = blamed, _from_now(retry_ns), interlocked
         self._symptoms, self._lapsed = symptoms, False
         self.again, self._taken_up, self._unheard, self._agents = None, takes_up, unheard, agents
         self._untouched = blamed if untouched and not unlasting else None
@@ -137,9 +137,8 @@ class ReasonsToRepair:
             self._does_not_last()
 
     def _does_not_last(self) -> None:
-        if self.given_up is not None and self.retry_ns is not None:
-            left_s = (self.retry_ns - time.time_ns()) / 1e9
-            self._flapping.came_back(self.given_up, time.monotonic() + left_s)
+        if self.given_up is not None and self._retry_s is not None:
+            self._flapping.came_back(self.given_up, self._retry_s)
 
     @property
     def suspects(self) -> BadSets | None:
@@ -190,9 +189,9 @@ class ReasonsToRepair:
             self._unhealthy = (blamed, now)
         held_s = now - self._unhealthy[1]
         self._unwell_s = now if self._unwell_s is None else self._unwell_s
-        if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
+        if self._retry_s is not None and now >= self._retry_s:
             self.again = self._taken_up if blamed == self.given_up else None
-            self.given_up = self.retry_ns = None
+            self.given_up = self._retry_s = None
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
         if self._agents is not None and state.sight.declared.changes != self._agents:
@@ -210,8 +209,8 @@ class ReasonsToRepair:
             self.given_up, self._lapsed, self._unheard = None, False, False
             self._again_s, self._pause_s = now + self._pause_s, min(2 * self._pause_s, MOST_AGAIN_S)
         if not acts or (same and self.given_up is not None):
-            if acts and self.retry_ns is not None:
-                return min(IDLE_S, max(0.0, (self.retry_ns - time.time_ns()) / 1e9) + 0.001)
+            if acts and self._retry_s is not None:
+                return min(IDLE_S, self._retry_s - now + 0.001)
             return IDLE_S
         if stop.active:
             self.held_by_stop = True
@@ -232,6 +231,11 @@ class ReasonsToRepair:
         if self.given_up is None or self._symptoms is None:
             return bad
         return tuple(atom for atom in bad if atom in self._symptoms)
+
+
+def _from_now(at_ns: int | None) -> float | None:
+    """Return a time of the computer's clock on one that does not jump."""
+    return None if at_ns is None else time.monotonic() + (at_ns - time.time_ns()) / 1e9
 
 
 def takes_up(record: RepairRecord, state: Robot, *, broke: bool) -> tuple[int, Json]:

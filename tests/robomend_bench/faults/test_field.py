@@ -14,7 +14,7 @@ from robomend_bench.faults.classes import FaultClass, draw
 from robomend_bench.faults.condition import HEALTHY, Act, abnormal
 from robomend_bench.faults.field import BY_NAME, FIELD, WORLDS
 from robomend_bench.faults.kinds import PASSING, Fault, begun, settled
-from robomend_bench.faults.record import Acted, Arrived, Record, RepairSeen, Trial
+from robomend_bench.faults.record import Acted, Arrived, Credited, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
 from robomend_bench.faults.scoring import Score, score
 from robomend_bench.faults.standins import play_with
@@ -179,3 +179,23 @@ def test_repaired_is_false_over_what_was_bad_or_had_lapsed(batches: list[Arrived
     record.arrived = batches
     record.repairs = [RepairSeen(10.0, "r-1", "repaired", ("planner",), 1, "", ())]
     assert any(false in each for each in score(record, robot).false_repaired) == bool(false)
+
+
+@pytest.mark.parametrize(
+    ("broken", "acted_on", "did_nothing"),
+    [
+        (Fault("imu", "hung"), ("hub",), False),  # which feeds it
+        (Fault("imu", "hung"), ("lidar", "lidar_driver"), True),
+        (Fault("lidar_driver", "hung"), ("lidar_driver",), False),
+        (Fault("base", "hung"), ("hub", "lidar_driver"), True),
+    ],
+)
+def test_who_cycles_a_supply_is_credited_with_what_hangs_on_it(
+    broken: Fault, acted_on: tuple[str, ...], did_nothing: bool
+) -> None:
+    record = Record(Trial("cart", "every-observer", 1, 1), "fast", end_s=20.0)
+    cart = robot_of(record.trial)
+    record.faults = [(0.0, broken)]
+    record.states = [(0.0, begun(cart.anatomy, broken)), (3.0, HEALTHY)]
+    record.credited = [Credited(2.0, 4.0, acted_on)]
+    assert bool(score(record, cart).credited) is did_nothing
