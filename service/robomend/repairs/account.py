@@ -88,6 +88,7 @@ def account(repair: Json) -> list[str]:
         lines += (_waited(wait) for wait in waits if wait["round"] == number)
         lines += _round(number, done)
     lines += (_waited(wait) for wait in waits if wait["round"] > len(repair["rounds"]))
+    lines += [one["text"] for one in repair.get("doubts", ())]
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
