@@ -42,8 +42,13 @@ ROUTER = "tcp/localhost:7447"
 """Where rmw_zenoh's router is."""
 
 DEFAULT_PORT = 8600
-FIND_S, FIND_MOST_S = 3.0, 12.0
+FIND_S, FIND_MOST_S = 3.0, 13.0
 """Who is there is found after so long; on a busy network, or of a robot that is just starting, later."""
+
+FIND_LOOK_S = 0.1
+
+HEARD_S = 1.0
+"""So long after a robot's first node was seen, what is latched has come, and listening begins."""
 
 SERVICE_S = 120.0
 SHOW_S = 0.5
@@ -199,6 +204,7 @@ class _Attached:
         self._interrupts = interrupts
         self._began_s = time.monotonic()
         self._written: dict[str, str] = {}  # file -> what we wrote
+        self._loading: Any = None  # the agent's process, which loads what it needs while we listen
 
     def run(self) -> None:
         """Find, listen, write, start, watch; until a signal comes."""
@@ -215,7 +221,7 @@ class _Attached:
 
             if wanted.url is None:  # it loads while we listen
                 service = start_service(_free_port(wanted.folder))
-            found, heard = asyncio.run(self._listen())
+            found, heard = asyncio.run(self._listen(stage))
             if service is not None:
                 try:
                     url = str(stage.announced(service, SERVICE_S)["url"])
@@ -246,7 +252,7 @@ class _Attached:
         if wanted.url is None:
             port = _known_port(folder) if detached.runs(service) else _free_port(folder)
             port = port or _any_port()
-        _, heard = asyncio.run(self._listen())
+        _, heard = asyncio.run(self._listen(None))
         url = wanted.url or f"http://127.0.0.1:{port}"
         self._written = _write(wanted, heard, url)
         said = {name: os.environ[name] for name in VARIABLES if os.environ.get(name)}
@@ -266,10 +272,17 @@ class _Attached:
         self.watches = True
 
     def _start_agent(self, stage: Stage) -> Any:
+        """Start the agent, or have the one begin that was started while we listened."""
+        agent, self._loading = self._loading, None
+        if agent is None:
+            return stage.start("agent", self._agent())
+        stage.begin(agent)
+        return agent
+
+    def _agent(self, *more: str) -> list[str]:
         from robomend.cli.stage import python
 
-        file = self.wanted.folder / "agent.yaml"
-        return stage.start("agent", python("robomend_client.agent.main", str(file)))
+        return python("robomend_client.agent.main", *more, str(self.wanted.folder / "agent.yaml"))
 
     def _put(self, url: str) -> None:
         """Tell the service of the robot, again while a busy computer does not let it answer."""
@@ -327,8 +340,10 @@ class _Attached:
 
     # --- listening -------------------------------------------------------------------------------------
 
-    async def _listen(self) -> tuple[Callable[..., Hearing], Heard]:
+    async def _listen(self, stage: Stage | None) -> tuple[Callable[..., Hearing], Heard]:
         """Find the robot and listen to it; return how to listen to it again, and what was heard.
+
+        Meanwhile what comes after it is loaded, and an agent on the stage, if there is one.
 
         Raises:
             InputError: no robot was found, or several.
@@ -338,10 +353,15 @@ class _Attached:
         hearings = {name: make() for name, make in candidates.items()}
         tasks = {name: asyncio.create_task(hearing.run()) for name, hearing in hearings.items()}
         try:
-            name = await self._find(hearings, tasks, why_not)
+            name, began_s = await self._find(hearings, tasks, why_not)
             for other in tasks.keys() - {name}:
                 tasks[other].cancel()
-            heard = await self._hear(hearings[name], tasks[name])
+            if stage is not None:
+                ready = ("--ready-for", next(iter(hearings[name].origin)))
+                self._loading = stage.start("agent", self._agent(*ready), waits=True)
+            loading = asyncio.create_task(asyncio.to_thread(load_later))
+            heard = await self._hear(hearings[name], tasks[name], began_s)
+            await loading
         finally:
             for task in tasks.values():
                 task.cancel()
@@ -350,22 +370,33 @@ class _Attached:
 
     async def _find(
         self, hearings: Mapping[str, Hearing], tasks: Mapping[str, asyncio.Task[None]], why_not: list[str]
-    ) -> str:
-        began_s = time.monotonic()
+    ) -> tuple[str, float]:
+        """Return where the robot is, and since when it is listened to."""
+        waited_s, looked_s = 0.0, time.monotonic()
+        seen_s: dict[str, float] = {}
+        heard_s: dict[str, float] = {}
         click.echo(f"looking for a robot: {', '.join(hearings) or 'nowhere'} …", err=True)
-        while (waited_s := time.monotonic() - began_s) < FIND_MOST_S and hearings:
+        while waited_s < FIND_MOST_S and hearings:
             self._interrupts.check()
+            before_s, looked_s = looked_s, time.monotonic()
+            waited_s += min(looked_s - before_s, 2 * FIND_LOOK_S)  # a busy computer finds later
             for name, task in tasks.items():
                 if task.done() and (error := task.exception()) is not None:
                     raise BackendError(f"{name}: {error}") from error
             there = {name: own_nodes(hearing.graph.nodes) for name, hearing in hearings.items()}
             there = {name: nodes for name, nodes in there.items() if nodes}
+            now_s = time.monotonic()
+            for name in there:
+                if name not in heard_s and now_s - seen_s.setdefault(name, now_s) > HEARD_S:
+                    heard_s[name] = now_s
+                    hearings[name].begin()
             if waited_s > FIND_S and there:
                 if len(there) > 1:
                     listed = "; ".join(f"{name} ({len(nodes)} nodes)" for name, nodes in there.items())
                     raise InputError(f"there are robots at {listed}: choose by --ros1 or --ros2")
-                return next(iter(there))
-            await asyncio.sleep(0.1)
+                if (name := next(iter(there))) in heard_s:
+                    return name, heard_s[name]
+            await asyncio.sleep(FIND_LOOK_S)
         told = "; ".join([*(f"{name}: no node" for name in hearings), *why_not])
         variables = ", ".join(f"{name}={os.environ[name]}" for name in VARIABLES if os.environ.get(name))
         hint = (
@@ -373,9 +404,8 @@ class _Attached:
         )
         raise InputError(f"no robot was found. {told}. Set are: {variables or 'none of ROS_…'}. {hint}")
 
-    async def _hear(self, hearing: Hearing, task: asyncio.Task[None]) -> Heard:
-        wanted, began_s = self.wanted, time.monotonic()
-        hearing.begin()
+    async def _hear(self, hearing: Hearing, task: asyncio.Task[None], began_s: float) -> Heard:
+        wanted = self.wanted
         with _table() as shown:
             while (left_s := began_s + wanted.seconds - time.monotonic()) > 0:
                 self._interrupts.check()
@@ -444,6 +474,20 @@ class _Attached:
         return bool(texts) and all(
             path.exists() and path.read_text("utf-8") == self._written[name] for name, path in texts.items()
         )
+
+
+def load_later() -> None:
+    """Load what is needed once a robot was heard; on a busy computer that takes seconds."""
+    from robomend.cli.init.described import Described, files_of
+    from robomend.cli.remote import connection  # noqa: F401  # for _put
+    from robomend.cli.schema import FILES, schema_text
+    from robomend_client import rest  # noqa: F401  # for _watch
+    from robomend_client.ros_graph import Heard, RosGraph
+
+    graph = RosGraph({"/topic": frozenset({"/node"})})
+    files_of(Described("robot", heard=Heard(graph, "nowhere"), policy="observe"))
+    for file in FILES:
+        schema_text(file)
 
 
 def _state(client: Any, robot: str) -> str:

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from tests.model.test_from_graph import came, heard
 
 from robomend.errors import InputError
-from robomend.model.answers import GivenAnswers, answered, answers_of, questions_of, with_answers
+from robomend.model.answers import (
+    GivenAnswers,
+    answered,
+    answers_of,
+    arrow_question,
+    asks_of_arrow,
+    questions_of,
+    with_answers,
+)
 from robomend.model.from_graph import first_model
 from robomend.model.loading import load_text
 
@@ -72,6 +80,33 @@ def test_an_answer_is_a_line_and_the_device_is_blamed_beside_its_driver() -> Non
 def test_what_was_not_asked_is_not_answered(question: str, answer: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
         answered(text(), question, answer)
+
+
+def inputs(text: str, node: str, topic: str) -> tuple[str, ...]:
+    parts = load_text(text).parts
+    assert parts is not None
+    return parts.nodes[node].publishes[topic]
+
+
+def test_an_arrow_that_was_contradicted_is_taken_out_or_kept_and_a_model_made_anew_follows() -> None:
+    question = arrow_question("pose", "scan")
+    first = text()
+    assert inputs(first, "mapper", "pose") == ("scan",)
+    assert asks_of_arrow(first, "pose", "scan")
+    for answer, left in (("no", ()), ("yes", ("scan",))):
+        model = answered(first, question, answer)
+        assert inputs(model, "mapper", "pose") == left
+        assert not asks_of_arrow(model, "pose", "scan")
+        assert with_answers(first, answers_of(model)) == model
+        assert questions_of(model) == questions_of(first)
+        with pytest.raises(InputError, match="does not ask that"):
+            answered(model, question, answer)
+    with pytest.raises(InputError, match="yes or no"):
+        answered(first, question, "perhaps")
+    with pytest.raises(InputError, match="does not ask that"):
+        answered(first, arrow_question("map", "scan"), "no")  # nothing says so
+    by_hand = "robomend: 1\nnodes: {a: {publishes: {scan: []}}, mapper: {publishes: {pose: [scan]}}}\n"
+    assert not asks_of_arrow(by_hand, "pose", "scan")  # its lines are its writer's
 
 
 def test_a_model_by_hand_asks_nothing() -> None:

@@ -34,7 +34,11 @@ ROBOT = RosGraph(
         "/imu": frozenset({"/hector_mapping"}),
         "/map": frozenset({"/rviz"}),
     },
-    services={"/rviz/get_loggers": frozenset({"/rviz"}), "/rosout/get_loggers": frozenset({"/rosout"})},
+    services={
+        "/rviz/get_loggers": frozenset({"/rviz"}),
+        "/rosout/get_loggers": frozenset({"/rosout"}),
+        "/arm/spawner_gripper/get_parameters": frozenset({"/arm/spawner_gripper"}),
+    },
     types={"/scan": "sensor_msgs/LaserScan", "/arm/goal": "arm_msgs/MoveActionGoal"},
 )
 

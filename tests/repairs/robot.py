@@ -100,6 +100,7 @@ class Robot:
     broken_topics: set[str] = field(default_factory=set)
     silent: bool = False
     message: str = ""  # of its next result
+    onsets: dict[str, int] = field(default_factory=dict)  # sentence -> the last good sample before it
     kinds: dict[str, Symptom] = field(default_factory=dict)  # atom -> in which way it is bad, when it is
     id: str = "r1"
 
@@ -138,7 +139,9 @@ class Robot:
             since = (now_ns,) * len(sentences)  # it knows what is so now, and rests on nothing older
             said = (self.kinds.get(one.removeprefix("not ")) if "not " in one else None for one in sentences)
             readings = tuple(None if kind is None else Reading("bad", symptom=kind) for kind in said)
-            batch = Batch(sentences, source="test robot", time_ns=now_ns, since=since, readings=readings)
+            onset = tuple(map(self.onsets.get, sentences))
+            about: dict[str, Any] = {"since": since, "onset": onset, "readings": readings}
+            batch = Batch(sentences, source="test robot", time_ns=now_ns, **about)
             await self.robots.observe(self.id, batch)
 
     async def settled(self) -> None:

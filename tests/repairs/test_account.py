@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
 from robomend.repairs.account import MOST, account, grounds, not_chosen, outcome
 from robomend_client.literals import fails, holds
+from robomend_client.readings import Symptom
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
 
@@ -179,3 +182,23 @@ def test_a_rival_that_lost_on_a_tie_is_told_as_that() -> None:
     likelier = {**rival, "cost": 30.0, "helps": 0.95, "weight": 0.1}
     assert not_chosen(likelier, done).endswith("; a less probable cause, and dearer than 29")
     assert not_chosen({**likelier, "cost": 29.0}, done).endswith("; a less probable cause")
+
+
+def test_a_repair_that_contradicted_an_arrow_says_so(tmp_path: Path) -> None:
+    async def cured(robot: Robot, name: str, _: str) -> None:
+        if name == "start_node":
+            robot.broken_topics.clear()
+
+    async def test() -> dict[str, Any]:
+        async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+            await robot.settled()
+            robot.kinds, robot.spoil = {"ok(scan)": Symptom.SILENT}, cured
+            robot.onsets = {"not ok(scan)": time.time_ns() - 5 * 10**9}
+            robot.broken_topics.add("scan")  # and the map goes on
+            return await the_repair(runtime)
+
+    repair = asyncio.run(test())
+    assert repair["state"] == "repaired"
+    text = "mapping was healthy without scan: that map rests on it may be wrong"
+    assert repair["doubts"] == [{"node": "mapping", "topic": "map", "input": "scan", "text": text}]
+    assert text in account(repair)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import time
 import urllib.parse
+from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -100,6 +102,40 @@ def test_questions_of_a_model_that_was_made_by_listening_are_answered_with_click
     assert "  lidar_driver:\n    drives: [lidar]\n" in model
     assert "  camera:\n    drives: []\n" in model
     assert "is that so by design? yes\n" in model
+
+
+BELIEVED = """
+robomend: 1
+name: believed
+nodes:
+  lidar_driver:
+    publishes:
+      scan: []
+  planner:
+    publishes:
+      plan: [scan]    # nav_msgs/Path
+"""
+
+
+def test_an_arrow_of_the_model_that_is_contradicted_is_taken_out_with_a_click(
+    service: Service, look: Look
+) -> None:
+    """The plan goes on while the scan is silent."""
+    service.api("PUT", "/models/believed", json={"source": BELIEVED})
+    service.api("PUT", "/robots/believed", json={"model": "believed", "policy": "observe"})
+    now_ns = time.time_ns()
+    said: dict[str, Any] = {"observations": ["not ok(scan)", "ok(plan)"], "time": now_ns}
+    said |= {"since": [now_ns - 10**9, now_ns - 10**9], "onset": [now_ns - 9 * 10**9, None]}
+    said |= {"readings": [{"value": "0 of 10 Hz", "symptom": "silent"}, None]}
+    service.api("POST", "/robots/believed/observations", json=said)
+    page = live(look(service), "/ui/robots/believed")
+    arrows = page.locator("#arrows")
+    expect(arrows).to_contain_text("planner was healthy without scan: that plan rests on it may be wrong")
+    arrows.get_by_label("Take it out of the model").click()
+    expect(page.locator("#arrows")).to_have_count(0)
+    model = service.api("GET", "/models/believed").json()["source"]
+    assert "      plan: []    # nav_msgs/Path\n" in model
+    assert model.endswith("#   does plan rest on scan? no\n")
 
 
 def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(

@@ -12,13 +12,15 @@ import logging
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from importlib import import_module
 from itertools import islice, product
 from pathlib import Path
 
 from robomend_client.agent.config import AgentConfig, load
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.executors.program import Program, missing
-from robomend_client.agent.feeds import MissingExtra
+from robomend_client.agent.feeds import EXTRAS, MissingExtra, load_feed
 from robomend_client.buffer import BufferInUse
 from robomend_client.yaml_reader import ConfigError
 
@@ -35,6 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--check", action="store_true", help="say what the configuration means, look for its programs, end"
     )
+    parser.add_argument(
+        "--ready-for",
+        choices=EXTRAS,
+        help="load this feed already, and read the file when a line comes on standard input",
+    )
     parser.add_argument("--quiet", action="store_true", help="log warnings and errors only")
     parser.add_argument("--verbose", action="store_true", help="log every step")
     options = parser.parse_args(arguments)
@@ -44,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     for chatty in ("httpx", "httpcore", "asyncio"):  # a line for every request, ten times a second
         logging.getLogger(chatty).setLevel(logging.WARNING)
+    if options.ready_for and not _told(options.ready_for):
+        return 0
     try:
         config = load(options.config)
     except ConfigError as error:
@@ -105,6 +114,17 @@ def missing_programs(config: AgentConfig, file: Path) -> Iterator[str]:
 def import_lean() -> None:
     """Let httpx leave out its command line, which takes 6 MB where rich and pygments are installed."""
     sys.modules["httpx._main"] = None  # type: ignore[assignment]  # None: it is not to be found
+
+
+def _told(feed: str) -> bool:
+    """Load what an agent needs that has this feed, and wait for a line; return whether one came."""
+    import_lean()
+    with suppress(MissingExtra):  # the file may not want it
+        load_feed(feed)
+    for module in ("robomend_client.agent.agent", "rosbags.typesys"):
+        with suppress(ImportError):
+            import_module(module)
+    return bool(sys.stdin.readline())
 
 
 async def _run(config: AgentConfig) -> None:

@@ -83,7 +83,7 @@ class Hearing(ABC):
         self.graph = RosGraph()
         self.ears: dict[str, Ear] = {}
         self._source = source
-        self._origin = origin
+        self.origin = origin
         self._known = frozenset(known)
         self._levels: dict[str, set[int]] = {}
         self._status_ears: dict[str, Ear] = {}
@@ -155,7 +155,7 @@ class Hearing(ABC):
             frozenset(gone),
             dict(self._seen_ns),
             tuple(remarks),
-            {name: dict(keys) for name, keys in self._origin.items()},
+            {name: dict(keys) for name, keys in self.origin.items()},
         )
 
     @abstractmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import click
@@ -50,6 +51,7 @@ def schema_of(file: str) -> dict[str, Any]:
     return observers_file_schema()
 
 
+@cache
 def schema_text(file: str) -> str:
     """Return the schema of one of FILES as a file has it, its descriptions as an editor shows them."""
     import json

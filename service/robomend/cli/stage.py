@@ -42,6 +42,7 @@ class Actor:
     name: str
     process: subprocess.Popen[bytes]
     log: Path
+    begins: int | None = None  # the end of a pipe, of one that waits for a line from it
 
 
 class Stage:
@@ -62,24 +63,38 @@ class Stage:
     ) -> None:
         self.clear()
 
-    def start(self, name: str, command: Sequence[str], *, announces: bool = False) -> Actor:
-        """Start a process; its output goes to `<name>.log`, but for the line that it `announces`."""
+    def start(
+        self, name: str, command: Sequence[str], *, announces: bool = False, waits: bool = False
+    ) -> Actor:
+        """Start a process; its output goes to `<name>.log`, but for the line that it `announces`.
+
+        One that `waits` does so until it is told to begin.
+        """
         self._interrupts.check()
         log = self._folder / f"{name}.log"
         parent = os.getpid()
+        read, write = os.pipe() if waits else (subprocess.DEVNULL, None)
         with log.open("ab") as stream:
             process = subprocess.Popen(
                 command,
-                stdin=subprocess.DEVNULL,
+                stdin=read,
                 stdout=subprocess.PIPE if announces else stream,
                 stderr=stream,
                 env=self._environment,
                 start_new_session=True,
                 preexec_fn=lambda: die_with(parent),  # safe: no other thread of Python runs
             )
-        actor = Actor(name, process, log)
+        if waits:
+            os.close(read)
+        actor = Actor(name, process, log, write)
         self._actors.append(actor)
         return actor
+
+    def begin(self, actor: Actor) -> None:
+        """Tell a process that waits to begin; one that has ended is found by `check`."""
+        assert actor.begins is not None
+        with contextlib.suppress(OSError):
+            os.write(actor.begins, b"begin\n")
 
     def announced(self, actor: Actor, timeout_s: float) -> dict[str, Any]:
         """Wait for the one line of JSON that a process prints when it is ready (its ports, say).
@@ -138,6 +153,8 @@ class Stage:
             actor.process.wait()
             if actor.process.stdout is not None:
                 actor.process.stdout.close()
+            if actor.begins is not None:
+                os.close(actor.begins)
             self._actors.pop()
 
 

@@ -17,6 +17,7 @@ from robomend.drills.record import DrillRecord
 from robomend.model.components import ComponentModel
 from robomend.planning.faults import LINE_FAULTS, drivers_of, taken_by
 from robomend.poller import wait_for
+from robomend.repairs.foresight import doubts
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
@@ -63,6 +64,7 @@ class Watching:
         self._planted_ns = 0
         self._seen_s: float | None = None
         self._showed: dict[str, float] = {}
+        self._doubts: dict[str, dict[str, str]] = {}
         self._diagnosed: list[tuple[int, tuple[tuple[str, ...], ...]]] = []
 
     def planted(self) -> None:
@@ -107,6 +109,8 @@ class Watching:
         for literal in self._state.literals():
             if -literal in self._before:
                 self._showed.setdefault(str(literal), round(after_s, 3))
+        entries = self._state.sight.entries()
+        self._doubts |= {one["text"]: one for one in doubts(self._state.system.parts, entries)}
         if current is None or current.healthy or not current.bad_sets:
             return
         if self._seen_s is None:
@@ -136,6 +140,7 @@ class Watching:
             "detected_s": None if self._seen_s is None else round(self._seen_s, 3),
             "diagnoses": [list(bad) for bad in (until[-1] if until else ())[:MOST_DIAGNOSES]],
             "showed": self._showed,
+            "doubts": list(self._doubts.values())[:MOST_DIAGNOSES],
             "acted_s": None if first_ns is None else round((first_ns - self._planted_ns) / 1e9, 3),
             "repair": None if repair is None else repair.id,
             "repair_state": None if repair is None else repair.state,

@@ -3,7 +3,10 @@
     camera:    # … of which device?           camera:
       # drives: []                              drives: [left_camera]     and under `hardware:` the device
     #   scan was silent …: by design?         #   scan was silent …: by design? yes
+      plan: [scan, image]                       plan: [scan]
+                                            #   does plan rest on image? no
 
+What repairs and drills contradict (`Arrow`) is asked as well: then the answer brings its question along.
 `from_graph` writes the questions. The page shows them, and puts each answer where its question was; what is
 made anew of the same robot takes the answers over. Whoever edits the text by hand answers as well.
 """
@@ -17,13 +20,16 @@ from dataclasses import dataclass, field
 
 from robomend.errors import InputError
 from robomend.model.component_yaml import MAX_NAME
-from robomend.model.from_graph import DRIVES, LISTENED, QUESTIONS, comment, device_question, word
+from robomend.model.from_graph import DRIVES, LISTENED, QUESTIONS, comment, device_question, slug, word
 
 NODE = re.compile(r'  (?P<name>"(?:[^"\\]|\\.)+"|[^\s"#:][^\s:]*):')
 ANSWER = re.compile(r"#   (?P<asked>.+\?)(?: (?P<answer>\S.*))?\Z")
 SECONDS = re.compile(LISTENED.replace("{}", r"(\d+)"))
 OPEN = DRIVES.strip()
 WORDS = ("yes", "no")
+ARROW = re.compile(r"does (?P<topic>.+) rest on (?P<input>.+)\?")
+OUTPUT = re.compile(r'      (?P<name>"(?:[^"\\]|\\.)+"|[^\s"#:][^\s:]*): \[(?P<inputs>[^\]]*)\]')
+RAISED = f"{QUESTIONS}repairs and drills raised:"
 AGAIN = "no: listen again when it is mended (robomend attach --update)"
 
 
@@ -60,6 +66,18 @@ def questions_of(text: str) -> Questions:
     return Questions(int(found[1]), drivers, others)
 
 
+def arrow_question(topic: str, given: str) -> str:
+    """Return what is asked of an arrow that something contradicts."""
+    return f"does {topic} rest on {given}?"
+
+
+def asks_of_arrow(text: str, topic: str, given: str) -> bool:
+    """Return whether an answer would be a line of this text: it has the arrow, and nobody has answered."""
+    lines = text.split("\n")
+    question = comment(arrow_question(topic, given))
+    return question not in dict(_asked(lines)) and _arrow(lines, topic, given) is not None
+
+
 def answers_of(text: str) -> GivenAnswers:
     """Return what a text says of the questions that a first model asks."""
     lines = text.split("\n")
@@ -86,6 +104,10 @@ def with_answers(text: str, answers: GivenAnswers) -> str:
         asked = ANSWER.match(line)
         if asked and not asked["answer"] and (asked["asked"] in answers.others or asked["asked"] in named):
             lines[number] += " " + answers.others.get(asked["asked"], "answered")
+    there_now = dict(_asked(lines))
+    for question, said in answers.others.items():
+        if question not in there_now and (arrow := ARROW.fullmatch(question)):
+            _answer_arrow(lines, arrow["topic"], arrow["input"], said)
     return "\n".join(lines)
 
 
@@ -109,6 +131,10 @@ def answered(text: str, question: str, answer: str) -> str:
         if answer not in WORDS:
             raise InputError("answer by yes or no")
         return with_answers(text, GivenAnswers(others={question: AGAIN if answer == "no" else answer}))
+    if (arrow := ARROW.fullmatch(question)) and asks_of_arrow(text, arrow["topic"], arrow["input"]):
+        if answer not in WORDS:
+            raise InputError("answer by yes or no")
+        return with_answers(text, GivenAnswers(others={comment(question): answer}))
     raise InputError(f"the model does not ask that: {question[:100]!r}")
 
 
@@ -149,6 +175,39 @@ def _asked(lines: list[str]) -> Iterator[tuple[str, str]]:
     for line in lines[first + 1 :]:
         if found := ANSWER.match(line):
             yield found["asked"], found["answer"] or ""
+
+
+def _arrow(lines: list[str], topic: str, given: str) -> tuple[int, re.Match[str]] | None:
+    """Return the line that says that a topic rests on another, among other things."""
+    inside = False
+    for number, line in enumerate(lines):
+        if line[:1] not in (" ", "#", ""):
+            inside = line.startswith("nodes:")
+        found = OUTPUT.match(line) if inside else None
+        if found is None or comment(_name(found["name"])) != topic:
+            continue
+        if given in map(comment, _names(found["inputs"])):
+            return number, found
+    return None
+
+
+def _answer_arrow(lines: list[str], topic: str, given: str, said: str) -> None:
+    """Take an arrow out, or leave it in, and write down what was said."""
+    place = _arrow(lines, topic, given)
+    if place is None:
+        return
+    number, found = place
+    if said == "no":
+        without = {given, slug(f"qos_{given}")}  # that its messages arrive matters to nobody then
+        kept = [name for name in _names(found["inputs"]) if comment(name) not in without]
+        named = ", ".join(map(word, kept))
+        before, after = found.string[: found.start("inputs")], found.string[found.end("inputs") :]
+        lines[number] = f"{before}{named}{after}"
+    while lines and not lines[-1]:
+        lines.pop()
+    if not any(line.startswith(QUESTIONS) for line in lines):
+        lines += ["", RAISED]
+    lines += [f"#   {arrow_question(topic, given)} {said}", ""]
 
 
 def _add_devices(lines: list[str], new: list[str]) -> None:

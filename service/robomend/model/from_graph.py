@@ -39,8 +39,11 @@ TOOLS = (
         "/rosbag2_*",
         "/unknown_node",
     ),
+    *("/*spawner*", "*/spawn_*", "*/map_saver*"),
 )
-"""Nodes that come and go with whoever looks at the robot; in ROS 2 also those that are of no node."""
+"""Nodes that come and go with whoever looks at the robot, or end by design when they have done their work; in
+ROS 2 also those that are of no node.
+"""
 
 PLUMBING = (
     *("/rosout", "/rosout_agg", "/clock", "/statistics", "*/diagnostics", "*/diagnostics_agg"),

@@ -99,6 +99,7 @@ def account(repair: Json) -> list[str]:
             f"{_clock(vain['began_ns'])} {', '.join(vain['diagnosis']['bad'])} blamed, and not mended"
         )
         lines += _grounds(vain)
+    lines += [one["text"] for one in repair.get("doubts", ())]
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]

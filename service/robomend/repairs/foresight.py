@@ -25,6 +25,7 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom
+from robomend_client.readings import Symptom
 
 ROOM = 1.5
 """By so much a start may take longer than the model says (robomend.robots.start_ups)."""
@@ -34,6 +35,9 @@ TOO_LONG = 5
 
 SHOWN = 10
 """Names that a sentence lists."""
+
+WITHOUT_NS = 3 * 10**9
+"""An output that came for so long while an input was silent does not rest on it: no queue holds so much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,28 @@ def findings(
         if (why := state.interlocked()) is not None:
             found.append(f"nothing is sent to the robot now: {why}")
     return [*found, *_unobserved(state), *_not_active(state)]
+
+
+def doubts(parts: ComponentModel | None, entries: Iterable[Entry]) -> list[dict[str, str]]:
+    """Return the arrows of a model that what is known contradicts: outputs that came while what they are said
+    to rest on was silent; each as JSON.
+    """
+    known = {entry.atom: entry for entry in entries}
+    found = []
+    for name, node in (parts.nodes if parts is not None else {}).items():
+        for topic, inputs in node.publishes.items():
+            out = known.get(Atom("ok", (topic,)))
+            if out is None or not out.positive or out.since_ns is None:
+                continue
+            for one in inputs:
+                given = known.get(Atom("ok", (one,)))
+                if given is None or given.positive or given.onset_ns is None or given.reading is None:
+                    continue
+                silent = given.reading.symptom is Symptom.SILENT
+                if silent and out.since_ns - given.onset_ns >= WITHOUT_NS:
+                    text = f"{name} was healthy without {one}: that {topic} rests on it may be wrong"
+                    found.append({"node": name, "topic": topic, "input": one, "text": text})
+    return found
 
 
 def _not_active(state: Robot) -> Iterator[str]:

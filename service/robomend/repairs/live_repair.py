@@ -27,6 +27,7 @@ from robomend.repairs.conclusions import NAMED, Silent
 from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
+from robomend.repairs.foresight import doubts
 from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
@@ -226,6 +227,7 @@ class LiveRepair:
             self._judged = by_evidence(found.plan, found.diagnosis.bad)
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
+            self._doubt()
             self._first = await self._record.begin_round(found, result, entries)
         else:
             self._record.not_mended(found, result, self._state.sight.entries())
@@ -280,6 +282,7 @@ class LiveRepair:
         once = self._chooser.not_idempotent(self._state, self._executors)
 
         async def report(report: StepReport) -> None:
+            self._doubt()
             await self._record.report(report, self._first)
 
         return Setting(
@@ -307,6 +310,10 @@ class LiveRepair:
             later=self._later,
             well=self._well,
         )
+
+    def _doubt(self) -> None:
+        """Note which arrows of the model what is known now contradicts: when all is well, nothing does."""
+        self._record.doubt(doubts(self._state.system.parts, self._state.sight.entries()))
 
     def _later(self, step: Step) -> int:
         """Return how little the robot needs what a step acts on: an agent does one act after the other."""
@@ -433,6 +440,7 @@ class LiveRepair:
         that did nothing, as the robot was not as it was planned for any more.
         """
         ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
+        self._doubt()
         nothing = not any(report.sent_ns for report in execution.steps) and not execution.kept
         overtaken = nothing and execution.ending is Ending.MISMATCH
         if (overtaken or self._acts.found_there(execution.steps)) and not helped:

@@ -133,6 +133,12 @@ class ActionRecord:
         """Component -> when this repair, or one before it, switched it off or stopped it (left_off.py)."""
         return dict(self._data.get("left_off") or {})
 
+    def doubt(self, arrows: Iterable[dict[str, str]]) -> None:
+        """Keep arrows of the model that are contradicted; on disk with the next state."""
+        kept = {one["text"]: one for one in (*self._data.get("doubts", ()), *arrows)}
+        if kept:
+            self._data = {**self._data, "doubts": list(kept.values())[:MOST]}
+
     def leave_off(self, left: Mapping[str, int]) -> None:
         """Change what is left off; it is on disk with the next intent, outcome or state."""
         self._data = {**self._data, "left_off": dict(left)}

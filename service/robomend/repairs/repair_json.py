@@ -119,6 +119,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "cost": data.get("cost"),
         "assumed": data.get("assumed", []),
         "unreachable": data.get("unreachable", []),
+        "doubts": data.get("doubts", []),
         "left_off": sorted(data.get("left_off") or ()),
         "waiting_for": data.get("waiting_for", []),
         "waits": data.get("waits", []),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
@@ -19,14 +20,15 @@ from robomend.api.routers.moments import moment_out
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
-from robomend.model.answers import questions_of
+from robomend.model.answers import arrow_question, asks_of_arrow, questions_of
 from robomend.model.vocabulary import ACTIVE
+from robomend.repairs.foresight import doubts
 from robomend.repairs.headline import of_robot
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend.store import View, diagnoses, moments
+from robomend.store import View, diagnoses, drills, moments
 from robomend.store.records import Paging, StoredDiagnosis, StoredMoment
 from robomend.web import graph, past
 from robomend.web import timeline as figure
@@ -81,6 +83,7 @@ async def robot_page(
         if state.stored.model is not None:
             model, _ = await parts.robots.models.current(state.stored.model)
             values["questions"] = questions_of(model.source)
+            values["arrows"] = await parts.store.read(partial(_contradicted, state, model.source, newest))
     if "repair" in wanted:
         values |= await _planned(parts, robot) if plan else {"planned": None, "no_plan": ""}
     if "diagnosis" in wanted:
@@ -99,6 +102,27 @@ async def robot_page(
     if "past" in wanted:
         values |= await _past(parts, state, until, span)
     return await page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
+
+
+def _contradicted(
+    state: Robot, source: str, newest: Sequence[Mapping[str, Any]], view: View
+) -> list[tuple[str, str]]:
+    """Return the arrows of the model that are contradicted by what is known, or were in a repair or a drill:
+    each with the question that is asked of it, or nothing where the text must be changed by hand.
+    """
+    found = doubts(state.system.parts, state.sight.entries())
+    for repair in newest:
+        found += repair["doubts"]
+    for drill in drills.page(view, state.id, Paging(limit=REPAIRS)).items:
+        found += (drill.data.get("seen") or {}).get("doubts", ())
+    nodes = state.system.parts.nodes if state.system.parts is not None else {}
+    shown = {}
+    for one in found:
+        topic, given = one["topic"], one["input"]
+        if one["node"] in nodes and given in nodes[one["node"]].publishes.get(topic, ()):
+            asks = asks_of_arrow(source, topic, given)
+            shown[one["text"]] = arrow_question(topic, given) if asks else ""
+    return list(shown.items())
 
 
 def _of_diagnosis(state: Robot) -> dict[str, Any]:

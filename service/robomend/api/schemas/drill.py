@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import Component, In, Moment, Nanoseconds, Out, Reason, moment_of
+from robomend.api.schemas.repair_record import Doubt
 
 
 class DrillBody(In):
@@ -45,6 +46,7 @@ class DrillSeenOut(Out):
     detected_s: float | None = Field(description="from the act to the first diagnosis that is not healthy")
     diagnoses: list[list[str]] = Field(description="what was blamed before the first act of the repair")
     showed: dict[str, float] = Field(description="literal that turned -> seconds after the act")
+    doubts: list[Doubt] = Field(default=[])
     acted_s: float | None = Field(default=None, description="when the repair's first act was sent")
     repair: str | None
     repair_state: str | None

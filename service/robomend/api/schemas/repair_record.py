@@ -135,6 +135,15 @@ class TakenUp(Out):
     times: int = Field(description="how often since somebody, or the diagnosis, began it", examples=[1])
 
 
+class Doubt(Out):
+    """An arrow of the model that what was seen contradicts: the output came while the input was silent."""
+
+    node: str = Field(examples=["planner"])
+    topic: str = Field(description="what it publishes", examples=["plan"])
+    input: str = Field(description="what that is said to rest on", examples=["image"])
+    text: str = Field(examples=["planner was healthy without image: that plan rests on it may be wrong"])
+
+
 class RepairOut(Out):
     """A repair: its state, its present plan, and its rounds."""
 
@@ -157,6 +166,7 @@ class RepairOut(Out):
     cost: float | None
     assumed: list[str]
     unreachable: list[str]
+    doubts: list[Doubt] = Field(default=[])
     left_off: list[str] = Field(description="components that it switched off and did not bring back")
     waiting_for: list[str] = Field(description="literals that nobody has reported yet")
     waits: list[RepairWait] = Field(default=[], description="what it has waited for so far, the first ten")
