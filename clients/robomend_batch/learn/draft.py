@@ -17,6 +17,9 @@ from robomend_batch.learn.words import comment, outwards, upwards
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.rate import LEAST_SILENCE_S
 
+HELD_S = 2.0
+"""What is held up for so long, at a start above all, and comes at once is no wrong rate: few logs show it."""
+
 LONGEST_WITHIN_S = 10.0
 """An answer that may be later than this is not watched."""
 
@@ -65,6 +68,8 @@ def rate_entry(entries: Entries, found: RateFound, first_s: float) -> None:
     }
     if found.pause_s is not None:
         entry["pause_s"] = upwards(found.pause_s)
+    if found.silence_s < HELD_S:
+        entry["held_s"] = f"{HELD_S:g}"
     if first_s > 1:
         entry["first_s"] = upwards(2 * first_s)
     entries.topics[found.topic] = entry

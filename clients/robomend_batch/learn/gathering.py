@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -167,10 +167,10 @@ class Gathered:
         """Each log from its beginning to its end."""
         return [Stretch(log, start, end + 1, False) for log, (start, end) in enumerate(self.spans_ns)]
 
-    @property
-    def all_learned(self) -> Gathered:
-        """The same with nothing held back."""
-        return replace(self, stretches=[replace(stretch, held_back=False) for stretch in self.stretches])
+    def without(self, logs: Collection[int] = ()) -> Gathered:
+        """Return the same with these logs held back, and nothing else."""
+        parts = [replace(stretch, held_back=stretch.log in logs) for stretch in self.stretches]
+        return replace(self, stretches=parts)
 
 
 def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: None) -> Gathered:

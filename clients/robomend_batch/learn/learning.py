@@ -8,6 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from robomend.errors import InputError
@@ -31,6 +32,9 @@ NO_GRAPH = RosGraph()
 
 TELEMETRY_SHARE = 0.1
 """False alarms of the ranges of telemetry, on top of those of all others."""
+
+FOLDS = 5
+"""So many times it is learned from other logs than it is tried on, at most."""
 
 DOUBTFUL = 0.05
 """As many false alarms as were counted, or more, come about by chance less often: then it is said."""
@@ -103,7 +107,7 @@ def learn(
     doubtful = tuple(
         name for name in entries.names if _by_chance(alarms[name], each * held_back_h) < DOUBTFUL
     )
-    _doubt(found, entries, parts.again(known), doubtful, alarms)
+    _doubt(found, entries, partial(parts.again, known), doubtful, alarms)
     head = _head(robot, found, learned_h, held_back_h, per_hour, entries, sum(alarms.values()))
     trial = {
         name: f"held back: {counted(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
@@ -168,17 +172,13 @@ class _Parts:
         """What the topics have to do with each other."""
         return model.Links(self.delays, self.together, self._live, self._found.nodes)
 
-    def again(self, known: frozenset[str]) -> Callable[[], draft.Entries]:
-        """Return what learns all of it once more, with nothing held back."""
-
-        def entries() -> draft.Entries:
-            found = self._found.all_learned
-            parts = _Parts(found, self._node_of, hours(found.learned), self._per_hour, self._live)
-            again = draft.Entries()
-            parts.observe(again, model.Declared(), known)
-            return again
-
-        return entries
+    def again(self, known: frozenset[str], without: Collection[int] = ()) -> draft.Entries:
+        """Return what is learned once more, with these logs held back and nothing else."""
+        found = self._found.without(without)
+        parts = _Parts(found, self._node_of, hours(found.learned), self._per_hour, self._live)
+        again = draft.Entries()
+        parts.observe(again, model.Declared(), known)
+        return again
 
     def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
         """Add the entries of all that was found, and what the model must declare for them.
@@ -294,27 +294,44 @@ def _first_s(found: Gathered, topic: str) -> float:
 def _doubt(
     found: Gathered,
     entries: draft.Entries,
-    again: Callable[[], draft.Entries],
+    again: Callable[..., draft.Entries],
     doubtful: Sequence[str],
     alarms: Mapping[str, int],
 ) -> None:
     """See to it that what is drafted calls nothing false in its own logs.
 
-    What does is learned again, with what was held back; what does so even then, or did so more often over
-    what was held back than was meant, is left as a comment.
+    What does is learned again, with what was held back. Left as a comment is what does so even then, or did
+    so more often over what was held back than was meant; and what calls something of a log false that was
+    learned from the others alone: it would of the next log, too.
     """
-    own = _trial(found, entries, found.whole)
-    if not own:
-        return
     for name in doubtful:
         entries.doubt(
             name, f"{counted(alarms[name], 'false alarm')} over what was held back: more than was meant"
         )
+    for name, count in _left_out(found, entries, again).items():
+        entries.doubt(name, f"{counted(count, 'false alarm')} in logs when learned from the others alone")
+    own = _trial(found, entries, found.whole)
+    if not own:
+        return
     others = again()
-    for name in own.keys() - set(doubtful):
+    for name in own:
         entries.take(name, others)
     for name, count in _trial(found, entries, found.whole).items():
         entries.doubt(name, f"{counted(count, 'false alarm')} in the logs that it was learned from")
+
+
+def _left_out(found: Gathered, entries: draft.Entries, again: Callable[..., draft.Entries]) -> Counter[str]:
+    """Return the false alarms of each entry over each log, learned from the others: all at once are FOLDS."""
+    alarms: Counter[str] = Counter()
+    folds = min(FOLDS, len(found.names))
+    for fold in range(folds if folds > 1 else 0):
+        logs = range(fold, len(found.names), folds)
+        learned = again(logs)
+        for section, kept in ((learned.topics, entries.topics), (learned.observers, entries.observers)):
+            for name in section.keys() - kept.keys():  # it is not in the draft
+                del section[name]
+        alarms += _trial(found, learned, [stretch for stretch in found.whole if stretch.log in logs])
+    return alarms
 
 
 def _trial(found: Gathered, entries: draft.Entries, stretches: Sequence[Stretch]) -> Counter[str]:

@@ -171,6 +171,35 @@ def test_a_draft_of_a_public_bag_calls_nothing_of_it_faulty(tmp_path: Path) -> N
     assert sum(one["end_ns"] - one["start_ns"] for one in found if one["state"] == "healthy") > 15 * SECOND
 
 
+def test_what_the_other_logs_alone_would_call_false_in_one_is_left_as_a_comment(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One session of five is silent for longer than the others ever are: so may the next one be."""
+    silent = [Planted("silent", "base_node", 45, 47.7)]
+    logs = [
+        drives.write(tmp_path / f"{number}.bag", ROBOT, number, 60, silent if number == 2 else ())
+        for number in range(5)
+    ]
+    assert learn(*logs, "-o", tmp_path / "draft", "--quiet") == 0
+    said = "doubtful: odom: 1 false alarm in logs when learned from the others alone: it is left as a comment"
+    assert said in capsys.readouterr().err.splitlines()
+    names = {spec.name for spec in load_observers(tmp_path / "draft" / "observers.yaml").specs}
+    assert {"scan", "gyro", "map"} <= names
+    assert "odom" not in names
+
+
+def test_what_was_held_up_before_a_recording_and_comes_at_once_is_no_wrong_rate(tmp_path: Path) -> None:
+    good = write(tmp_path / "good.mcap", steady("scan", 10, 120))
+    assert learn(good, "-o", tmp_path, "--quiet") == 0
+    late = [(max(at_s, 1.9 + at_s / 20), topic, value) for at_s, topic, value in steady("scan", 10, 60)]
+    twice = [*steady("scan", 10, 60), *steady("scan", 10, 60, start_s=40)]
+    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
+    for name, samples, faults in (("late", late, 0), ("twice", twice, 1)):
+        log = write(tmp_path / f"{name}.mcap", samples)
+        assert batch_run(tmp_path / name, log, "--observers", observers, model=model) == 0
+        assert len([one for one in intervals(tmp_path / name) if one["state"] == "faulty"]) == faults, name
+
+
 def test_what_an_old_file_says_and_the_logs_contradict_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
