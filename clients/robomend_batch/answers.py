@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal as OneOf
 
 import numpy as np
@@ -14,10 +14,18 @@ from robomend.diagnosis.library import Answer as LibraryAnswer
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.errors import ContradictoryModel
-from robomend.model.cnf import HealthCnf
+from robomend.model.components import Criticality
+from robomend.model.formulas import leaves
+from robomend.model.packed import opened
+from robomend.model.system import System
+from robomend.model.vocabulary import ACTIVE
+from robomend.planning.configurations import Keeper, KnownState, does_without
 from robomend_client.literals import Atom, Literal
 
-State = OneOf["healthy", "faulty", "unknown", "contradictory"]
+State = OneOf["healthy", "faulty", "degraded", "unknown", "contradictory"]
+
+FAULTY: tuple[State, ...] = ("faulty", "degraded", "contradictory")
+"""The states in which something is wrong."""
 
 Names = tuple[str, ...]
 
@@ -29,8 +37,9 @@ REMEMBERED = 50_000
 class Told:
     """What is told of a code; equal ones are one.
 
-    `unknown`: nothing was observed that a rule speaks of. `contradictory`: the observations contradict the
-    model, whatever is abnormal.
+    `degraded`: what is blamed is optional, or the functions work by variants that do without. `unknown`:
+    nothing was observed that a rule speaks of. `contradictory`: the observations contradict the model,
+    whatever is abnormal.
     """
 
     state: State
@@ -50,9 +59,16 @@ NOTHING = Told("unknown", None, None, (), True, None)
 class Answers:
     """The answers of one model, for codes of any sensors."""
 
-    def __init__(self, cnf: HealthCnf, options: Options) -> None:
+    def __init__(self, system: System, options: Options) -> None:
         """`options` without conflicts: the library knows them by itself."""
-        self._cnf = cnf
+        self._cnf = opened(system.cnf)
+        self._system = system
+        parts = system.parts
+        self._may_do_without = parts is not None and (
+            bool(parts.functions) or any(p.criticality is Criticality.OPTIONAL for p in parts.parts.values())
+        )
+        conditions = (leaf.literal.atom for one in system.conditions.values() for leaf in leaves(one))
+        self._of_functions = {*conditions}
         self._options = options
         self._library: Library | None = None
         self._together: dict[frozenset[frozenset[Literal]], Told] = {}
@@ -84,7 +100,53 @@ class Answers:
         )
         numbers = of_answer[answers.index] if len(rows) else np.zeros(0, dtype=np.intp)
         numbers[~self.heard(rows, sensors)] = 0
-        return [*number], numbers[row_of]
+        told = [*number]
+        if self._may_do_without:
+            numbers = self._by_variants(rows, sensors, told, numbers)
+        return told, numbers[row_of]
+
+    def _by_variants(
+        self, rows: Codes, sensors: tuple[Atom, ...], told: list[Told], numbers: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """Return what is told of codes once it is known where the robot does without; `told` grows."""
+        faulty = np.flatnonzero(np.array([one.state == "faulty" for one in told])[numbers])
+        if not len(faulty):
+            return numbers
+        asked = self.of_functions(rows[faulty], sensors)
+        keys, of = distinct(np.column_stack([asked, numbers[faulty].astype(np.uint64)]))
+        degraded: dict[int, int] = {}
+        answers = np.empty(len(keys), dtype=np.intp)
+        for place, (*row, number) in enumerate(keys.tolist()):
+            answers[place] = number
+            if self._does_without([row], sensors, told[number]):
+                if number not in degraded:
+                    degraded[number] = len(told)
+                    told.append(replace(told[number], state="degraded"))
+                answers[place] = degraded[number]
+        found = numbers.copy()
+        found[faulty] = answers[of]
+        return found
+
+    def _does_without(self, rows: Iterable[Sequence[int]], sensors: tuple[Atom, ...], told: Told) -> bool:
+        """Return whether the robot did without what is blamed, in each of these codes."""
+        parts = self._system.parts
+        if parts is None or told.bad is None:
+            return False
+        for row in rows:
+            state = {
+                atom: row[number // SENSORS_A_WORD] >> 2 * (number % SENSORS_A_WORD) & 3
+                for number, atom in enumerate(sensors)
+                if number // SENSORS_A_WORD < len(row)
+            }
+            known = KnownState(
+                lambda atom, state=state: {1: True, 2: False}.get(state.get(atom, 0)),  # type: ignore[misc]  # bound here
+                lambda atom: None,  # codes have no numbers: a condition on them is not known to hold
+                told.bad,
+            )
+            states = Keeper().decide(parts, self._system.conditions, known, 0).states
+            if not does_without(parts, states, told.bad):
+                return False
+        return True
 
     @property
     def components(self) -> Names:
@@ -110,12 +172,23 @@ class Answers:
         """Return of each code whether it says anything that a rule speaks of."""
         return np.asarray(((codes & self._heard(sensors)) != 0).any(axis=1))
 
-    def together(self, rows: frozenset[tuple[int, ...]], sensors: tuple[Atom, ...]) -> tuple[Told, list[str]]:
+    def of_functions(self, codes: Codes, sensors: tuple[Atom, ...]) -> Codes:
+        """Return of codes what functions and their conditions rest on."""
+        of_them = [atom in self._of_functions or atom.predicate == ACTIVE for atom in sensors]
+        return np.asarray(codes & _bits(of_them)) if self._may_do_without else np.zeros_like(codes)
+
+    def together(
+        self,
+        rows: frozenset[tuple[int, ...]],
+        sensors: tuple[Atom, ...],
+        of_functions: Iterable[tuple[int, ...]],
+    ) -> tuple[Told, list[str]]:
         """Return what is told of several codes at once, and the observations that it rests on.
 
         Args:
             rows: the codes, without the zeros at their ends.
             sensors: of the codes; further ones only join behind them.
+            of_functions: what functions rest on, of all codes.
         """
         library = self.library(sensors)
         padded = [[*row, *[0] * (library.words - len(row))] for row in sorted(rows)]
@@ -131,6 +204,12 @@ class Answers:
                 applying = library.diagnose(np.array(padded, dtype=np.uint64)).conflicts
                 conflicts = smallest(conflict for of_one in applying for conflict in of_one or ())
             told = self._together[asked] = self._of_snapshots(snapshots, conflicts)
+        if (
+            told.state == "faulty"
+            and self._may_do_without
+            and self._does_without(of_functions, sensors, told)
+        ):
+            told = replace(told, state="degraded")
         return told, list(seen)
 
     def _of_snapshots(self, snapshots: list[list[Literal]], conflicts: tuple[Names, ...] | None) -> Told:
@@ -144,12 +223,17 @@ class Answers:
 
     def _heard(self, sensors: tuple[Atom, ...]) -> Codes:
         """Return the bits of sensors that a rule speaks of."""
-        heard = [0] * max(1, -(-len(sensors) // SENSORS_A_WORD))
-        for number, atom in enumerate(sensors):
-            if atom in self._cnf.atom_variable:
-                word, place = divmod(number, SENSORS_A_WORD)
-                heard[word] |= 3 << (2 * place)
-        return np.array(heard, dtype=np.uint64)
+        return _bits([atom in self._cnf.atom_variable for atom in sensors])
+
+
+def _bits(wanted: Sequence[bool]) -> Codes:
+    """Return the bits of the sensors that are wanted."""
+    found = [0] * max(1, -(-len(wanted) // SENSORS_A_WORD))
+    for number, one in enumerate(wanted):
+        if one:
+            word, place = divmod(number, SENSORS_A_WORD)
+            found[word] |= 3 << (2 * place)
+    return np.array(found, dtype=np.uint64)
 
 
 def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:

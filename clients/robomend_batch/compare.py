@@ -12,7 +12,7 @@ from itertools import groupby, pairwise
 from typing import Any
 
 from robomend.errors import InputError
-from robomend_batch.faults import FAULTY
+from robomend_batch.answers import FAULTY
 from robomend_batch.one_log import Record
 from robomend_batch.results import Bad, Interval, Results
 

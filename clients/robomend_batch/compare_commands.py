@@ -30,6 +30,8 @@ def diff(before: Path, after: Path, format_: str, fail_on_difference: bool) -> i
     def words(verdict: tuple[str, tuple[tuple[str, ...], ...]] | None) -> str:
         if verdict is None:
             return "nothing"
+        if verdict[0] == "degraded":
+            return f"{told(verdict[1])} (degraded)"
         return told(verdict[1]) if verdict[0] == "faulty" else verdict[0]
 
     count = span_ns = 0

@@ -10,9 +10,8 @@ from robomend.errors import InputError
 from robomend.oneshots.question import question
 from robomend.oneshots.result_json import result_json
 from robomend.oneshots.warm_model import WarmModel
+from robomend_batch.answers import FAULTY
 from robomend_batch.results import Bad, Interval, Results
-
-FAULTY = ("faulty", "contradictory")
 
 EXPLAIN_S = 2.0
 """For the explanation of one fault."""

@@ -15,7 +15,6 @@ from types import TracebackType
 from typing import Any
 
 from robomend.diagnosis.result import Options
-from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
@@ -130,7 +129,7 @@ class Diagnoser:
 
     def _begin(self) -> None:
         setup = self.setup
-        self._answers = Answers(opened(setup.system.cnf), setup.options)
+        self._answers = Answers(setup.system, setup.options)
         self._stays = {
             "setup": setup,
             "vocabulary": setup.system.vocabulary,

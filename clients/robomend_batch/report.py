@@ -12,7 +12,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from robomend.web.timeline import BAD, GOOD, Mark, Span, Timeline, svg
-from robomend_batch.faults import FAULTY, Fault, explain, find_faults
+from robomend_batch.answers import FAULTY
+from robomend_batch.faults import Fault, explain, find_faults
 from robomend_batch.one_log import Record
 from robomend_batch.results import Interval, Results, moment, record_span_ns, short_times, told
 from robomend_client.counts import counted
@@ -40,7 +41,14 @@ COLUMNS = 880
 
 CONTRADICTORY = "#6b4c9a"
 UNKNOWN = "#d5dae0"
-COLOURS = {"healthy": GOOD, "faulty": BAD, "contradictory": CONTRADICTORY, "unknown": UNKNOWN}
+DEGRADED = "#e0a030"
+COLOURS = {
+    "healthy": GOOD,
+    "faulty": BAD,
+    "degraded": DEGRADED,
+    "contradictory": CONTRADICTORY,
+    "unknown": UNKNOWN,
+}
 
 WORDS = {
     "ok": "",
@@ -299,7 +307,7 @@ def draw(record: Record, intervals: Iterable[Interval], components: Sequence[str
         end_s = begin_s + wide_ns / 1e9
         if interval.state == "contradictory" and len(marks) < 20:
             marks.append(Mark(begin_s, "the model cannot explain this"))
-        if interval.state in ("healthy", "faulty"):
+        if interval.state in ("healthy", "faulty", "degraded"):
             _extend(known, begin_s, end_s)
         blamed = {name for bad in interval.bad for name in bad}
         always = set(interval.bad[0]).intersection(*map(set, interval.bad)) if interval.bad else set()

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from robomend_batch.answers import FAULTY
 from robomend_batch.errors import FULL, DiskFull
 from robomend_batch.joined import Joined
 from robomend_batch.manifest import alone_in, keep_parts, open_manifest, write_beside
@@ -33,9 +34,7 @@ class Summary:
     @property
     def faulty(self) -> bool:
         """Whether any log shows a fault, or what the model cannot explain."""
-        return any(
-            record["intervals"].get(state) for record in self.records for state in ("faulty", "contradictory")
-        )
+        return any(record["intervals"].get(state) for record in self.records for state in FAULTY)
 
     @property
     def bad(self) -> list[Record]:

@@ -174,7 +174,7 @@ def _diagnosed(names: list[str], model: str, out: Path, begun: list[Started], **
 def tell(summary: Summary, out: Path) -> None:
     """Say on stderr what came out."""
     records = summary.records
-    faulty = sum(1 for record in records if record["intervals"].get("faulty"))
+    faulty = sum(1 for record in records if any(map(record["intervals"].get, ("faulty", "degraded"))))
     text = f"{counted(len(records), 'log')}, {faulty} with faults"
     contradictory = sum(1 for record in records if record["intervals"].get("contradictory"))
     if contradictory:

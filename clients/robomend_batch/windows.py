@@ -37,6 +37,7 @@ class Windows(Parts):
         self._here: tuple[int, int] | None = None  # segment, number of the window
         self._start_ns = self._end_ns = 0
         self._rows: dict[Row, None] = {}
+        self._of_functions: dict[Row, None] = {}
         self._heard = False
         self._done: list[tuple[int, int, int, Told, list[str]]] = []
 
@@ -53,11 +54,14 @@ class Windows(Parts):
         states, state_of = distinct(codes)
         grounds, heard = self._answers.library(sensors).grounds(states), self._answers.heard(states, sensors)
         rows = [_row(one) for one in grounds.tolist()]
+        of_functions = [_row(one) for one in self._answers.of_functions(states, sensors).tolist()]
         pieces = zip(segment.tolist(), start.tolist(), end.tolist(), state_of.tolist(), strict=True)
         for number, start_ns, end_ns, state in pieces:
-            self._piece(number, start_ns, end_ns, rows[state], bool(heard[state]))
+            self._piece(number, start_ns, end_ns, rows[state], of_functions[state], bool(heard[state]))
 
-    def _piece(self, segment: int, start_ns: int, end_ns: int, row: Row, heard: bool) -> None:
+    def _piece(
+        self, segment: int, start_ns: int, end_ns: int, row: Row, of_functions: Row, heard: bool
+    ) -> None:
         """A state that held for a while, in one window or several."""
         if self._segment_start is None or self._segment_start[0] != segment:
             self._end_window()
@@ -74,6 +78,7 @@ class Windows(Parts):
             self._heard |= heard
             if heard:
                 self._rows[row] = None
+                self._of_functions[of_functions] = None
 
     def _end_window(self) -> None:
         if self._here is None:
@@ -81,9 +86,11 @@ class Windows(Parts):
         told = NOTHING
         literals: list[str] = []
         if self._heard:
-            told, literals = self._answers.together(frozenset(self._rows), self._sensors())
+            told, literals = self._answers.together(
+                frozenset(self._rows), self._sensors(), self._of_functions
+            )
         self._done.append((self._here[0], self._start_ns, self._end_ns, told, literals))
-        self._here, self._rows, self._heard = None, {}, False
+        self._here, self._rows, self._of_functions, self._heard = None, {}, {}, False
         if len(self._done) >= MOST_WAITING:
             self._write_done()
 

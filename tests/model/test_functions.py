@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.cli.commands import run
 from robomend.errors import ModelError, ObservationError
 from robomend.model.checking import check
 from robomend.model.components import Criticality, Variant
 from robomend.model.five_key import five_key_of
-from robomend.model.functions import Threshold, holds, in_order, need_of
+from robomend.model.functions import Threshold, holds, in_order, left_without, need_of
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
+from robomend.planning.configurations import Keeper, KnownState
 from robomend.web import graph
 from robomend_client.literals import Atom
 
@@ -142,6 +147,92 @@ def test_two_variants_that_take_away_what_the_other_needs_are_refused() -> None:
     assert load_text(text)
     with pytest.raises(ModelError, match=r"search.narrow and altitude.medium take away"):
         load_text(text.replace("set_mode(spiral, medium)", "shutdown(sonar)"))
+
+
+TWO = """\
+robomend: 1
+hardware: {lidar: {channel: 1}}
+nodes: {slam: {drives: [lidar], publishes: {scan: []}}, odom: {publishes: {odom: []}}}
+properties: [visibility]
+functions:
+  place:
+    variants:
+      map: {when: "visibility >= 3", needs: [slam], do: [place(map)]}
+      wheels: {needs: [odom], do: [place(wheels)]}
+  drive:
+    variants:
+      fast: {needs: [place.map], do: [drive(fast)]}
+      slow: {do: [drive(slow)]}
+  follow:
+    variants:
+      near: {needs: [drive.slow], do: [follow(near)]}
+      none: {do: [follow(none)]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("[drive.slow]", "[drive.fast, place.wheels]", 16, "it needs both place.(map|wheels) and place"),
+        (
+            "fast: {needs",
+            "fast: {when: visibility < 2, needs",
+            12,
+            r"nothing fulfils its condition and those of what it needs \(place.map\) at once",
+        ),
+        (
+            "drive(fast)",
+            "stop_node(slam)",
+            12,
+            "drive.fast takes away slam, which place.map needs",
+        ),
+    ],
+)
+def test_a_variant_whose_needs_exclude_each_other_is_refused_by_model_check(
+    old: str, new: str, line: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(TWO)
+    assert run(["model", "check", str(file)]) == 0
+    assert "visibility" not in capsys.readouterr().out  # a condition rests on it: it says something
+    assert TWO.count(old) == 1
+    file.write_text(TWO.replace(old, new))
+    assert run(["model", "check", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert f"{file}:{line}: " in said
+    assert re.search(f"never admissible: .*{message}", said)
+
+
+def test_isolability_says_how_functions_work_without_what_cannot_be_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(TWO.replace("channel: 1}", "channel: 1, blame_hardware: true}"))
+    asked = ["model", "check", str(file), "--isolability"]
+    assert run([*asked, "-o", "ok(scan)", "-o", "active(place, map)", "-o", "ok(visibility)"]) == 0
+    said = capsys.readouterr().out
+    assert "observing it tells nothing" not in said
+    assert "active(place,map) and ok(visibility): decides how functions work" in said
+    assert "lidar and slam cannot be told apart" in said
+    alike = said.partition("lidar and slam cannot be told apart")[2]
+    assert "whichever it is, place can work by wheels" in alike
+    assert "whichever it is, drive can work by slow" in alike
+    assert "follow" not in alike
+
+
+def test_without_components_the_best_variant_that_is_left_is_the_one_decided() -> None:
+    """Against the choice itself, for every set of components that may be broken."""
+    system = load_text(TWO.replace('when: "visibility >= 3", ', ""))
+    assert system.parts is not None
+    whole = {"place": "map", "drive": "fast", "follow": "none"}
+    for gone in [set[str](), {"lidar"}, {"slam"}, {"odom"}, {"lidar", "odom"}, {"slam", "lidar"}]:
+        known = KnownState(lambda atom: whole[atom.args[0]] == atom.args[1], lambda atom: None, [gone])
+        decided = Keeper().decide(system.parts, system.conditions, known, 0).states
+        assert gone or {name: one.goal for name, one in decided.items()} == whole
+        changed = {
+            name: one.goal for name, one in decided.items() if one.goal != whole[name] and name != "follow"
+        }  # `follow` can only become better
+        assert left_without(gone, system.parts) == (changed if gone else whole)
 
 
 def test_check_names_what_every_variant_needs() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
@@ -13,10 +14,12 @@ import polars as pl
 import pytest
 from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, intervals, logs, ndjson, spans, tree
 
+from robomend.cli.commands import run
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_model
 from robomend.oneshots.question import question
 from robomend.oneshots.warm_model import WarmModel
+from robomend_batch.commands import batch
 from robomend_batch.parts import schema
 from robomend_client.observers.base import SECOND
 
@@ -66,6 +69,55 @@ def test_what_the_model_cannot_explain_is_told_and_the_log_goes_on(tmp_path: Pat
         ("healthy", [[]]),
     ]
     assert intervals(tmp_path / "out")[1]["observations"] == ["not ok(p)"]
+
+
+ROVER = """\
+robomend: 1
+name: rover
+hardware: {lidar: {}, lamp: {channel: 4, criticality: optional}}
+nodes:
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+  wheels_node: {publishes: {odom: []}}
+functions:
+  localisation:
+    variants:
+      lidar: {needs: [lidar_node], do: [localise(lidar)]}
+      markers: {when: ok(markers_seen), do: [localise(markers)]}
+      odometry: {needs: [wheels_node], do: [localise(odometry)]}
+"""
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_robot_that_does_without_what_is_blamed_is_degraded(tmp_path: Path, whole: bool) -> None:
+    model = tmp_path / "rover.yaml"
+    model.write_text(ROVER)
+    by = {name: f"active(localisation, {name})" for name in ("lidar", "markers", "odometry")}
+    drives = {
+        "bridged": [by["odometry"], "not ok(scan)"],
+        "blind": [by["lidar"], "not ok(scan)"],
+        "unsaid": ["not ok(scan)"],
+        "both": [by["odometry"], "not ok(scan)", "not ok(odom)"],
+        "unlit": [by["lidar"], "not on(lamp)"],
+        "lost": [by["markers"], "not ok(scan)"],  # whether its condition holds is not known
+        "found": [by["markers"], "ok(markers_seen)", "not ok(scan)"],
+        "well": [by["odometry"], "ok(scan)"],
+    }
+    for name, said in drives.items():
+        ndjson(tmp_path / f"{name}.ndjson", *((0.0, one) for one in said), (1.0, said[0]))
+    files = [tmp_path / f"{name}.ndjson" for name in drives]
+    assert batch_run(tmp_path / "out", *files, *(["--together", "log"] if whole else []), model=model) == 0
+    told = {Path(one["log"]).name: (one["state"], one["bad"]) for one in intervals(tmp_path / "out")}
+    assert {name: told[f"{name}.ndjson"][0] for name in drives} == {
+        "bridged": "degraded", "blind": "faulty", "unsaid": "faulty", "both": "faulty",
+        "unlit": "degraded", "lost": "faulty", "found": "degraded", "well": "healthy",
+    }  # fmt: skip
+    assert told["bridged.ndjson"][1] == told["blind.ndjson"][1] == [["lidar_node"]]
+    assert run(["report", str(tmp_path / "out")], batch) == 0
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "<h3>lidar_node</h3>" in report
+    assert ">degraded</span>" in report
+    assert "background:#e0a030'></i></div>" in report  # of a log that was degraded
+    assert re.search("<b>7</b>show a fault", report)
 
 
 def formats(folder: Path) -> dict[str, Path]:

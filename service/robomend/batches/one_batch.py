@@ -210,7 +210,9 @@ class OneBatch:
         return {
             "done": done,
             "log_states": dict(sorted(Counter(record["state"] for record in records).items())),
-            "faulty": sum(1 for record in records if record["intervals"].get("faulty")),
+            "faulty": sum(
+                1 for record in records if any(map(record["intervals"].get, ("faulty", "degraded")))
+            ),
         }
 
     def _said(self) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pysat.solvers import Solver
 
 from robomend.model.components import Node
-from robomend.model.functions import needs_of
+from robomend.model.functions import needs_of, spoken_of
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
 from robomend_client.counts import counted
@@ -171,7 +171,11 @@ def unused(system: System) -> Iterator[str]:
             more = f" and {len(idle) - SHOWN} more" if len(idle) > SHOWN else ""
             yield f"no rule mentions {', '.join(idle[:SHOWN])}{more}: observing it says nothing"
         return
-    atoms = {*system.cnf.atoms, *(() if system.act_when is None else system.act_when.atoms)}
+    atoms = {
+        *system.cnf.atoms,
+        *(() if system.act_when is None else system.act_when.atoms),
+        *spoken_of(system.conditions),
+    }
     publishers = publishers_of(model)
     for topic in model.topics:
         if topic not in publishers and Atom("ok", (topic,)) not in atoms:

@@ -290,6 +290,43 @@ def taken_away(variant: Variant) -> frozenset[str]:
     return frozenset(args[0] for name, args in variant.do if name in {"shutdown", "stop_node"} and args)
 
 
+def spoken_of(conditions: Mapping[tuple[str, str], Formula]) -> frozenset[Atom]:
+    """Return the atoms that conditions rest on; of a comparison what it compares."""
+    atoms = (leaf.literal.atom for formula in conditions.values() for leaf in leaves(formula))
+    return frozenset(atom if (of := Threshold.of_atom(atom)) is None else of.of for atom in atoms)
+
+
+def left_without(names: Iterable[str], model: ComponentModel) -> dict[str, str | None]:
+    """Return of each function that has to work by a worse variant without these components the best that is
+    left, conditions aside; None: none is. Without naming any, the best one of each.
+    """
+    gone, best = frozenset(names), dict[str, str | None]()
+    for function in in_order(model):
+        best[function.name] = None
+        for variant in function.variants.values():
+            needs = needs_of(variant, model)
+            named = [need.component for need in needs if need.component is not None]
+            if named and not gone.isdisjoint(rests_on(named, model)):
+                continue
+            if any(
+                best[need.function] is None or need.variant not in {None, best[need.function]}
+                for need in needs
+                if need.function is not None
+            ):
+                continue
+            best[function.name] = variant.name
+            break
+    if not gone:
+        return best
+    whole = left_without((), model)
+
+    def rank(name: str, variant: str | None) -> int:
+        order = list(model.functions[name].variants)
+        return len(order) if variant is None else order.index(variant)
+
+    return {name: variant for name, variant in best.items() if rank(name, variant) > rank(name, whole[name])}
+
+
 # --- checks
 
 
@@ -339,6 +376,8 @@ def check_functions(
             )
     for function in model.functions.values():
         _check_reachable(function, conditions, fail)
+        for variant in function.variants.values():
+            _check_together(function, variant, model, conditions, fail)
 
 
 def _check_variant(
@@ -367,6 +406,52 @@ def _check_variant(
             what = "device" if act in {"power_up", "shutdown"} else "node"
             near = did_you_mean(args[0], kinds[act], quote) if args else ""
             fail(f"{name}: {act}({', '.join(args)}) wants one {what} of the model{near}", variant.line)
+
+
+def _check_together(
+    function: Function,
+    variant: Variant,
+    model: ComponentModel,
+    conditions: Mapping[tuple[str, str], Formula],
+    fail: Callable[[str, int | None], NoReturn],
+) -> None:
+    """Refuse a variant of which the variants that it needs, and those that they need, exclude each other."""
+    name = f"{function.name}.{variant.name}"
+    chosen: dict[str, Variant] = {}
+    pending = [(function.name, variant)]
+    while pending:
+        of, needed = pending.pop()
+        before = chosen.setdefault(of, needed)
+        if before is not needed:
+            names = f"{of}.{before.name} and {of}.{needed.name}"
+            fail(f"{name} is never admissible: it needs both {names}", variant.line)
+        pending += [
+            (need.function, model.functions[need.function].variants[need.variant])
+            for need in needs_of(needed, model)
+            if need.function is not None and need.variant is not None
+        ]
+    if len(chosen) == 1:
+        return
+    for of, one in chosen.items():
+        for other, needed in chosen.items():
+            if lost := taken_away(one) & frozenset(needed.needs):
+                names = ", ".join(sorted(lost))
+                fail(
+                    f"{name} is never admissible: {of}.{one.name} takes away {names}, which "
+                    f"{other}.{needed.name} needs",
+                    variant.line,
+                )
+    formulas = [conditions[of, one.name] for of, one in chosen.items() if (of, one.name) in conditions]
+    cases = _cases(formulas)
+    if cases is not None and not any(
+        all(holds(formula, truths.get, numbers.get, 0) for formula in formulas) for truths, numbers in cases
+    ):
+        needed_names = ", ".join(f"{of}.{one.name}" for of, one in chosen.items() if of != function.name)
+        fail(
+            f"{name} is never admissible: nothing fulfils its condition and those of what it needs "
+            f"({needed_names}) at once",
+            variant.when_line or variant.line,
+        )
 
 
 def _check_reachable(

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from robomend.model.components import ComponentModel, Function, Variant
+from robomend.model.components import ComponentModel, Criticality, Function, Variant
 from robomend.model.formulas import Formula, leaves
 from robomend.model.functions import Measured, Threshold, holds, in_order, needs_of, rests_on
 from robomend.model.vocabulary import ACTIVE
@@ -193,6 +193,29 @@ def met(formula: Formula | None, known: KnownState) -> str:
         elif known.value(leaf.literal.atom) == leaf.literal.positive:
             said[f"{leaf.literal} is observed"] = None
     return ", ".join(said)
+
+
+def does_without(
+    model: ComponentModel, states: Mapping[str, FunctionState], diagnoses: Iterable[Collection[str]]
+) -> bool:
+    """Return whether a robot does without all that its diagnoses blame: each function works by a variant that
+    is admissible, and what is blamed is needed by others only, or is optional.
+    """
+    blamed = frozenset[str]().union(*diagnoses)
+    if not blamed or any(not state.works for state in states.values()):
+        return False
+
+    def needed(variants: Iterable[Variant]) -> frozenset[str]:
+        names = {name for variant in variants for name in variant.needs if name in model.parts}
+        return rests_on(names, model) if names else frozenset()
+
+    spared = needed(one for state in states.values() for one in state.function.variants.values())
+    optional = {name for name, part in model.parts.items() if part.criticality is Criticality.OPTIONAL}
+    if not blamed <= spared | optional:
+        return False
+    return blamed.isdisjoint(
+        needed(state.function.variants[state.active] for state in states.values() if state.active)
+    )
 
 
 # --- when to change

@@ -22,8 +22,7 @@ import structlog
 
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
-from robomend.model.components import Criticality
-from robomend.model.functions import rests_on
+from robomend.planning.configurations import does_without
 from robomend.robots.robot import Robot
 from robomend.store import Store, Transaction
 from robomend.store.records import Json
@@ -94,40 +93,13 @@ def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
     if robot.current is None:
         return HealthState.UNKNOWN, unknown
     if not robot.current.healthy:
-        return (HealthState.DEGRADED if does_without(robot) else HealthState.UNHEALTHY), unknown
+        parts = robot.system.parts
+        spared = parts is not None and does_without(parts, robot.function_states(), robot.known().diagnoses)
+        return (HealthState.DEGRADED if spared else HealthState.UNHEALTHY), unknown
     if len(silent) == len(observed) and (observed or not robot.literals()):
         return HealthState.UNKNOWN, unknown
     doubtful = unknown or robot.not_judged()
     return (HealthState.PARTLY_UNKNOWN if doubtful else HealthState.HEALTHY), doubtful
-
-
-def does_without(robot: Robot) -> bool:
-    """Return whether a robot does without all that its diagnoses blame: each function works by a variant that
-    is admissible, and what is blamed is needed by others only, or is optional.
-    """
-    parts, diagnoses = robot.system.parts, robot.known().diagnoses
-    blamed = frozenset().union(*diagnoses)
-    if parts is None or not blamed:
-        return False
-    states = robot.function_states()
-    needed = {
-        name
-        for state in states.values()
-        for variant in state.function.variants.values()
-        for name in variant.needs
-        if name in parts.parts
-    }
-    spared = rests_on(needed, parts) if needed else frozenset[str]()
-    optional = {n for n, part in parts.parts.items() if part.criticality is Criticality.OPTIONAL}
-    if not blamed <= spared | optional or any(not state.works for state in states.values()):
-        return False
-    active = {
-        name
-        for state in states.values()
-        for name in state.function.variants[state.active or ""].needs
-        if name in parts.parts
-    }
-    return not active or blamed.isdisjoint(rests_on(active, parts))
 
 
 class HealthWatch:

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 from robomend.diagnosis.isolability.analysis import Ambiguity, Isolability
 from robomend.model.components import ComponentModel
+from robomend.model.functions import left_without, spoken_of
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
+from robomend.model.vocabulary import ACTIVE
 from robomend_client.counts import counted
 from robomend_client.literals import Atom, quote
 
@@ -119,14 +121,14 @@ def _trends(
 def sentences(found: Isolability, system: System) -> list[str]:
     """Return the answer for people, the whole first, then group by group."""
     return [
-        *summary(found),
+        *summary(found, system),
         *(told for group in found.ambiguities for told in group_words(group, system)),
         *(told for group in found.undetectable for told in undetectable_words(group, system)),
         *(_double_words(found, system) if found.double_faults is not None else ()),
     ]
 
 
-def summary(found: Isolability) -> Iterator[str]:
+def summary(found: Isolability, system: System) -> Iterator[str]:
     """Yield how many faults can be detected and told apart, and what stands in the way of a whole answer."""
     count = len(found.faults)
     shown = sum(1 for known in found.detectable if known)
@@ -158,8 +160,12 @@ def summary(found: Isolability) -> Iterator[str]:
         )
     if not found.complete:
         yield "time ran out: what is not known is marked ?, and not every group was looked at"
-    if found.unused:
-        yield f"no rule speaks of {_some(map(str, found.unused))}: observing it tells nothing"
+    of_functions = spoken_of(system.conditions)
+    chooses = [atom for atom in found.unused if atom.predicate == ACTIVE or atom in of_functions]
+    if chooses:
+        yield f"{_some(map(str, chooses))}: decides how functions work, and tells no fault from another"
+    if idle := [atom for atom in found.unused if atom not in chooses]:
+        yield f"no rule speaks of {_some(map(str, idle))}: observing it tells nothing"
 
 
 def group_words(group: Ambiguity, system: System) -> Iterator[str]:
@@ -174,6 +180,18 @@ def group_words(group: Ambiguity, system: System) -> Iterator[str]:
         text = f"{faults[0]} cannot be told from {_some(rivals, 'or')}"
     yield text + _remedy(group, system)
     yield from _left(group, system)
+    yield from _whichever(group, system)
+
+
+def _whichever(group: Ambiguity, system: System) -> Iterator[str]:
+    """Yield how the functions work without all that cannot be told apart."""
+    parts = system.parts
+    if parts is None or not parts.functions:
+        return
+    names = {name for fault in (*group.faults, *group.rivals) for name in fault}
+    for function, variant in left_without(names, parts).items():
+        how = "has no variant left" if variant is None else f"can work by {variant}"
+        yield f"  whichever it is, {function} {how}"
 
 
 def undetectable_words(group: Ambiguity, system: System) -> Iterator[str]:
