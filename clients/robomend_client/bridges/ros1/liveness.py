@@ -172,8 +172,6 @@ AGAIN_S = 0.15
 MOST_AT_ONCE = 16
 """Questions that begin in one beat."""
 
-OnTable = Callable[["dict[str, bool | None]"], None]
-
 
 class Liveness:
     """See the module."""
