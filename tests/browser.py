@@ -81,7 +81,7 @@ def chromium() -> Iterator[str]:
     finally:
         HELD.close()
         os.killpg(process.pid, signal.SIGKILL)
-        process.wait(30)
+        process.wait(60)
         shutil.rmtree(folder, ignore_errors=True)
 
 

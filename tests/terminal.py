@@ -107,11 +107,22 @@ class Terminal:
     def ends_by_ctrl_c(self) -> None:
         """Press it, and see it end as an interrupted command does: without a traceback, and nothing left."""
         self.ctrl_c()
-        until(lambda: self.process.poll() is not None, "it ends", 120)
+
+        def ended() -> bool:
+            self.listen(0.01)  # nobody writes to a terminal that is full
+            return self.process.poll() is not None
+
+        until(ended, "it ends", 120)
         self.listen(0.1)
         assert self.process.returncode == 130, self.shown
         assert "Traceback" not in self.shown
-        assert self.left_behind() == []
+        self.leaves_nothing()
+
+    def leaves_nothing(self) -> None:
+        """See that nothing of it is left, once what was killed with it has had a processor to end on."""
+        with suppress(AssertionError):
+            until(lambda: not self.left_behind(), "nothing is left", 20)
+        assert self.left_behind() == [], f"{self.typed}\n{self.shown[-2000:]}"
 
     def processes(self) -> list[int]:
         """Return all that run in it, zombies not counted."""

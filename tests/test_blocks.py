@@ -176,7 +176,6 @@ TUTORIAL = "docs/tutorial.md"
 """Its blocks build on one another, and take a while: tests/test_tutorial.py."""
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("page", sorted({block.page for block in BLOCKS} - {TUTORIAL}))
 def test_the_blocks_of_a_page_do_what_they_say(
     page: str, folder: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch

@@ -17,8 +17,6 @@ from tests.release import looked_into
 
 ROOT = Path(__file__).resolve().parents[1]
 
-pytestmark = pytest.mark.timeout(600)  # of which most may be waiting for what is made once
-
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
@@ -132,7 +130,6 @@ def test_encodings_is_never_a_python_package() -> None:
     assert not (ROOT / "encodings" / "__init__.py").exists()
 
 
-@pytest.mark.timeout(600)
 def test_the_wheels_diagnose_in_an_empty_environment(
     wheels: dict[str, Path], pip: list[str], tmp_path: Path, long: bool
 ) -> None:
@@ -145,7 +142,6 @@ def test_the_wheels_diagnose_in_an_empty_environment(
     assert [diagnosis["bad"] for diagnosis in json.loads(done.stdout)["diagnoses"]] == [["jaguar"]]
 
 
-@pytest.mark.timeout(300)
 def test_the_robot_s_side_installs_alone_and_small(
     wheels: dict[str, Path], pip: list[str], tmp_path: Path, long: bool
 ) -> None:

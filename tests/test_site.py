@@ -26,8 +26,6 @@ from robomend_client.observers.kinds import KINDS
 ROOT = Path(__file__).resolve().parents[1]
 HOOKS = ROOT / "docs" / "mkdocs_hooks.py"
 
-pytestmark = pytest.mark.timeout(600)  # a busy computer takes minutes to build it
-
 FETCHED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src")}
 NOT_FETCHED = {"canonical", "next", "prev"}
 

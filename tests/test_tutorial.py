@@ -92,7 +92,7 @@ def background(block: Block, folder: Path) -> Iterator[None]:
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
-                process.wait(30)
+                process.wait(60)
 
 
 TYPED_PER_S = 5

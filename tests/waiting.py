@@ -29,7 +29,7 @@ def look_s(waited_s: float, took_s: float = 0.0) -> float:
     return max(min(max(LOOK_S, waited_s / 10), SELDOM_S), min(SHARE * took_s, MOST_S))
 
 
-def until(true: Callable[[], object], what: str, timeout_s: float = 30.0, *, closely: bool = False) -> None:
+def until(true: Callable[[], object], what: str, timeout_s: float = 60.0, *, closely: bool = False) -> None:
     """Wait until something holds; `closely`: it will not for long."""
     began = looked = time.monotonic()
     while not true():
@@ -40,7 +40,7 @@ def until(true: Callable[[], object], what: str, timeout_s: float = 30.0, *, clo
         looked = time.monotonic()
 
 
-async def eventually(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:
+async def eventually(true: Callable[[], object], what: str, timeout_s: float = 60.0) -> None:
     """Wait until something holds, in the event loop."""
     began = time.monotonic()
     while not true():

@@ -26,7 +26,7 @@ def following(
 ) -> Iterator[Iterator[dict[str, Any]]]:
     """Open a stream; its head has come, so whatever happens from now on must come."""
     headers = {} if last is None else {"Last-Event-ID": last}
-    with httpx.stream("GET", f"{service.url}/api/v1{path}", headers=headers, timeout=20) as answer:
+    with httpx.stream("GET", f"{service.url}/api/v1{path}", headers=headers, timeout=60) as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
         yield parsed(answer.iter_lines())
 
@@ -147,7 +147,7 @@ def test_a_busy_stream_ends_when_its_key_is_revoked(
 def test_a_stream_is_kept_alive_after_its_events(start: StartService) -> None:
     service = start(ping_s=0.05)
     service.with_robot()
-    with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=20) as answer:
+    with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=60) as answer:
         lines = answer.iter_lines()
         service.observe("not ok(scan)")
         while "diagnosis" not in next(lines):

@@ -45,7 +45,6 @@ def of(hook: Hook, about: str) -> list[dict[str, Any]]:
     return [one for one in hook.told if one["about"] == about]
 
 
-@pytest.mark.timeout(240)
 def test_a_plan_that_waits_for_a_yes_is_told_with_a_link(service: Service, hook: Hook) -> None:
     service.with_robot("r1", policy="approve")
     service.observe("not ok(scan)", "not on(hokuyo)", robot="r1")

@@ -20,8 +20,8 @@ HOST = b"Host: localhost\r\n"
 
 
 def connect(service: Service) -> socket.socket:
-    """Return a connection that gives up after 20 s."""
-    return socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])), timeout=20)
+    """Return a connection that gives up after a minute."""
+    return socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])), timeout=60)
 
 
 def rest(connection: socket.socket) -> bytes:

@@ -50,7 +50,6 @@ def repair_of(service: Service, *states: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.timeout(300)
 def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> None:
     waiting = repair_of(service, "awaiting-approval")
     described(RepairOut, waiting)

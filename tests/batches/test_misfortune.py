@@ -68,7 +68,7 @@ def test_a_service_that_is_killed_goes_on_where_it_was(
         until(lambda: len(list(parts.glob("*.parquet"))) >= 2, "the first logs are done", 90)
         was = processes(batch)
         os.kill(process.pid, signal.SIGKILL)
-        process.wait(10)
+        process.wait(60)
         until(lambda: not any(map(alive, was)), "its program ends with it")
         assert was
     with (

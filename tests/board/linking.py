@@ -19,7 +19,7 @@ from robomend_board.faults import parse_fault
 from robomend_board.loads import default_rig
 from robomend_board.server import Emulator
 
-END_S = 20.0
+END_S = 60.0
 
 
 async def until(condition: Callable[[], bool]) -> None:

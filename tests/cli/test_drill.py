@@ -49,7 +49,7 @@ def test_a_plan_says_what_would_be_done_and_what_stands_in_the_way(tmp_path: Pat
             "can": ["plant_fault:hokuyo_node", "plant_fault:scan"],
             "observes": [{"atom": "ok(map)", "detection_s": 0.5, "settling_s": 0.5}],
         }
-        assert httpx.post(f"{url}/api/v1/robots/r1/actions/next", json=polled, timeout=20).status_code == 204
+        assert httpx.post(f"{url}/api/v1/robots/r1/actions/next", json=polled, timeout=60).status_code == 204
         [agent] = client.robot("r1").value["agents"]
         assert (agent["agent"], agent["observes"]) == ("onboard", ["ok(map)"])
         _, plan = planned(url, capsys)

@@ -10,8 +10,7 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from tests.blocks import BLOCKS
-from tests.ros1 import robot
-from tests.ros2 import robot as ros2_robot
+from tests.clients.bridges.any_robot import any_robot
 
 from robomend.cli.commands import run
 from robomend.model.loading import load_text
@@ -27,29 +26,17 @@ def shown(option: str, value: str) -> list[str]:
     return words
 
 
-def test_the_model_of_a_running_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with robot(tmp_path) as ros:
-        ros.node("hokuyo_node").do("publish", topic="/scan", type="std_msgs/String")
-        mapper = ros.node("mapper")
-        mapper.do("subscribe", topic="/scan", type="std_msgs/String")
-        mapper.do("publish", topic="/map", type="std_msgs/Float64")
-        assert run(shown("--ros1", ros.master.uri)) == 0
-    told = capsys.readouterr().out
-    assert "      map: [scan]    # std_msgs/Float64\n" in told
-    assert "      scan: []    # std_msgs/String\n" in told
-    assert sorted(load_text(told).cnf.components) == ["hokuyo_node", "mapper"]
-
-
-def test_the_model_of_a_running_robot_with_ros_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("origin", ["ros1", "ros2"])
+def test_the_model_of_a_running_robot(
+    origin: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with ros2_robot(tmp_path) as ros:
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        ros.node("laser").do("publish", topic="/scan", type="std_msgs/String")
-        mapper = ros.node("mapper")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with any_robot(origin, tmp_path) as robot:
+        robot.node("laser").do("publish", topic="/scan", type="std_msgs/String")
+        mapper = robot.node("mapper")
         mapper.do("subscribe", topic="/scan", type="std_msgs/String")
         mapper.do("publish", topic="/map", type="std_msgs/Float64")
-        assert run(shown("--ros2", str(ros.domain))) == 0
+        assert run(shown(f"--{origin}", str(next(iter(robot.section.values()))))) == 0
     told = capsys.readouterr().out
     assert "      map: [scan]    # std_msgs/Float64\n" in told
     assert "      scan: []    # std_msgs/String\n" in told

@@ -83,7 +83,7 @@ def terminal(shell: str, home: Path) -> Iterator[int]:
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        process.wait(10)
+        process.wait(60)
         os.close(ours)
 
 

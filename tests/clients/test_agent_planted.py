@@ -153,7 +153,7 @@ def test_what_an_agent_that_was_killed_had_planted_the_next_one_undoes(
             assert service.do(f"d:{kind}", "plant_fault", kind, kind, "60")["code"] == OK
         [stand_in] = [lease["pid"] for lease in leases(tmp_path) if lease["kind"] == "node-mute"]
         running.send_signal(signal.SIGKILL)
-        running.wait(20)
+        running.wait(60)
     eventually(lambda: not alive(stand_in), "the stand-in ends with its agent")
     with agent(file):
         eventually(lambda: leases(tmp_path) == [], "the leases are over")
@@ -183,7 +183,7 @@ def test_the_next_agent_undoes_nothing_during_the_global_stop(tmp_path: Path, se
         first = pid(tmp_path)
         assert service.do("d:1", "plant_fault", "walker", "node-frozen", "60")["code"] == OK
         running.send_signal(signal.SIGKILL)
-        running.wait(20)
+        running.wait(60)
     with agent(file):
         eventually(lambda: len(asked) >= 2, "the agent has asked twice")
         assert halted(first)

@@ -40,7 +40,6 @@ def writing(tmp_path: Path, name: str = "pid") -> list[str]:
     return python(WRITES_PID + "time.sleep(1000)", tmp_path / name)
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_nodes_are_started_seen_to_run_killed_and_stopped_and_only_what_is_listed(
     service: ServiceDouble, tmp_path: Path
 ) -> None:
@@ -230,7 +229,7 @@ def test_everything_ends_with_the_agent(service: ServiceDouble, tmp_path: Path) 
     ) as process:
         eventually(lambda: len(marked(mark)) >= 2, "parent and child")
         process.send_signal(signal.SIGTERM)
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0
         assert marked(mark) == []
 
 
@@ -244,7 +243,7 @@ def test_kill_9_of_the_agent_leaves_no_orphan(service: ServiceDouble, tmp_path: 
     with agent(file) as process:
         eventually(lambda: len(marked(mark)) >= 2 and marked(str(deaf)) and deaf.exists(), "all of them")
         process.send_signal(signal.SIGKILL)
-        process.wait(20)
+        process.wait(60)
         eventually(lambda: not marked(str(tmp_path)), "no process of this test")
     with agent(file):  # and the state directory serves the next one
         eventually(lambda: runs(service, "laser") is True, "running(laser)")
@@ -259,7 +258,7 @@ def test_what_was_to_end_with_a_killed_agent_is_started_anew_by_the_next(
         eventually(lambda: runs(service, "laser") is True, "running(laser)")
         before = pid_file(tmp_path, "pid")
         killed.send_signal(signal.SIGKILL)
-        killed.wait(20)
+        killed.wait(60)
     with agent(file):  # at once, while the guard still waits for the deaf one to end
         eventually(lambda: pid_file(tmp_path, "pid") != before, "another process")
         assert not alive(before)
@@ -291,7 +290,7 @@ def test_processes_that_are_kept_are_adopted_by_the_next_agent(
         service.do("r:1", "start_node", "laser")
         eventually((tmp_path / "pid").exists, "the process's own sign")
         process.send_signal(signal.SIGKILL)
-        process.wait(20)
+        process.wait(60)
     first = pid_file(tmp_path, "pid")
     time.sleep(0.2)  # whatever was to end with the agent has ended
     assert alive(first)
@@ -310,7 +309,7 @@ def test_a_second_agent_with_the_same_state_directory_ends_with_3(
     with agent(file):
         eventually(lambda: runs(service, "laser") is False, "a first report")
         with agent(file) as second:
-            assert second.wait(20) == 3
+            assert second.wait(60) == 3
     assert "in use by another process" in (tmp_path / "agent.log").read_text()
 
 

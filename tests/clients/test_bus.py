@@ -29,7 +29,7 @@ def with_broker(address: str, test: Callable[[Broker, Heard], Awaitable[None]]) 
         broker = Broker(address, lambda message: heard.append((message.topic, message.data)))
         await broker.open()
         try:
-            await asyncio.wait_for(test(broker, heard), 20)
+            await asyncio.wait_for(test(broker, heard), 60)
         finally:
             await broker.close()
 
@@ -190,7 +190,7 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
         listening.cancel()
         await asyncio.gather(listening, return_exceptions=True)
 
-    asyncio.run(asyncio.wait_for(test(), 20))
+    asyncio.run(asyncio.wait_for(test(), 60))
 
 
 def test_a_message_that_is_too_long_is_the_senders_error(tmp_path: Path) -> None:

@@ -48,8 +48,8 @@ def test_what_an_agent_started_ends_with_it_although_it_was_killed_before_it_sai
         command = [sys.executable, "-c", KILLED_AGENT, DEAF, mark, str(pipe)]
         agent = subprocess.Popen(command, pass_fds=(pipe,))
         os.close(pipe)
-        assert agent.wait(30) == -signal.SIGKILL
-        assert process.wait(30) == 0
+        assert agent.wait(60) == -signal.SIGKILL
+        assert process.wait(60) == 0
         eventually(lambda: not marked(mark), "the end of the deaf process")
 
 
@@ -74,7 +74,7 @@ def test_the_guard_ends_what_was_begun_or_started_and_is_not_gone(lines: str, en
     with guarding() as (process, pipe):
         os.write(pipe, lines.format(other.pid).encode())
         os.close(pipe)
-        assert process.wait(30) == 0
+        assert process.wait(60) == 0
     try:
         assert (other.poll() is None) is not ends
     finally:

@@ -112,7 +112,7 @@ def test_a_moment_comes_after_the_observations_and_survives_the_agent_and_the_se
     with agent(file) as process:
         eventually(lambda: ".json" in waiting(tmp_path), "a moment on the disk")
         process.kill()
-        process.wait(20)
+        process.wait(60)
     assert service.moments == {}
     heard: list[bool] = []
     service.answers = lambda _, path: (

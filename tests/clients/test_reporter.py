@@ -71,10 +71,10 @@ def reporting(tmp_path: Path, test: Test, heartbeat_s: float = 0.2) -> list[dict
             )
             task = asyncio.create_task(seen.reporter.run())
             try:
-                await asyncio.wait_for(test(seen, task, got), 20)
+                await asyncio.wait_for(test(seen, task, got), 60)
             finally:
                 task.cancel()
-                await asyncio.wait({task}, timeout=30)
+                await asyncio.wait({task}, timeout=60)
         buffer.close()
 
     asyncio.run(run())
@@ -163,7 +163,7 @@ def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path
         for _ in range(turns):
             await asyncio.sleep(0)
         task.cancel()
-        await asyncio.wait({task}, timeout=30)
+        await asyncio.wait({task}, timeout=60)
         assert task.cancelled()
 
     reporting(tmp_path, test)
@@ -218,7 +218,7 @@ def heartbeats(
                     await test(outbox, stamped)
             finally:
                 task.cancel()
-                await asyncio.wait({task}, timeout=30)
+                await asyncio.wait({task}, timeout=60)
         buffer.close()
 
     asyncio.run(run())

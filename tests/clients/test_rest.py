@@ -332,7 +332,7 @@ class Streams:
 
     def close(self) -> None:
         self._server.close()
-        self._thread.join(5)
+        self._thread.join(60)
 
 
 HEAD = "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\nretry: 1\n\n"

@@ -119,7 +119,7 @@ def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(ro
 
 def counted(robot: DrilledRobot) -> list[str]:
     """Return the metrics of repairs."""
-    text = httpx.get(f"{robot.url}/metrics", timeout=20).text
+    text = httpx.get(f"{robot.url}/metrics", timeout=60).text
     return sorted(line for line in text.splitlines() if line.startswith("robomend_repair_changes_total"))
 
 

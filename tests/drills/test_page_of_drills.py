@@ -31,7 +31,6 @@ WHOLE = block("last.json")
 SCORE = block("faults watched")
 
 
-@pytest.mark.timeout(600)
 def test_what_the_page_of_drills_shows_is_done(
     robot: DrilledRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -77,7 +76,6 @@ def test_all_faults_are_drilled_twice_and_compared(
     assert report["totals"]["watched"] == report["totals"]["faults"] > 5
 
 
-@pytest.mark.timeout(600)
 def test_the_score_of_two_faults_is_as_the_page_shows_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: bool
 ) -> None:

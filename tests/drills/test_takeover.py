@@ -22,7 +22,7 @@ from robomend_client.rest import ClientError
 
 __all__ = ["postgres_server", "postgres_url"]  # fixtures
 
-pytestmark = [pytest.mark.anyio, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.anyio
 
 
 @pytest.fixture

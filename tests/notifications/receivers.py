@@ -94,5 +94,5 @@ def serving(server: socketserver.BaseServer) -> Iterator[None]:
         yield
     finally:
         server.shutdown()
-        thread.join(20)
+        thread.join(60)
         server.server_close()

@@ -140,7 +140,7 @@ async def changes_of(runtime: Runtime) -> list[dict[str, Any]]:
     return [change_json(one) for one in reversed(page.items)]
 
 
-async def until(look: Callable[[], Awaitable[Any]], what: str, timeout_s: float = 30.0) -> Any:
+async def until(look: Callable[[], Awaitable[Any]], what: str, timeout_s: float = 60.0) -> Any:
     waited = 0.0
     while not (found := await look()):
         assert waited < timeout_s, f"waited {timeout_s:g} s in vain for {what}"

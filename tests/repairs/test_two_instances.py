@@ -101,7 +101,7 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(
         robot.on = dict.fromkeys(robot.on, False)
         robot.running = dict.fromkeys(robot.running, False)
         robot.connected = dict.fromkeys(robot.connected, False)
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             await begun.wait()
         victim = await owner_of(running, database)
         assert victim is not None
@@ -147,7 +147,7 @@ async def test_a_cancellation_reaches_the_owner_through_the_other_instance(
         robot.spoil = hangs
         await robot.settled()
         robot.cut("base")
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             await begun.wait()
         owner = await owner_of(two, database)
         [other] = [service for service in two if service is not owner]

@@ -22,7 +22,6 @@ from robomend.cli.commands import run
 LOGS = "/mnt/night"
 
 
-@pytest.mark.timeout(600)
 def test_the_lines_for_several_computers_leave_what_one_leaves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: bool
 ) -> None:

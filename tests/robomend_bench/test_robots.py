@@ -37,7 +37,6 @@ def test_every_part_gives_its_figures() -> None:
     assert found["live"]["alone_mb"] > 10
 
 
-@pytest.mark.timeout(300)
 def test_a_real_ros_1_robot_gives_its_figures(long: bool) -> None:
     if not long:
         pytest.skip("a service, a robot and two agents that wait for their own time-outs: --long runs it")
@@ -51,7 +50,6 @@ def test_a_real_ros_1_robot_gives_its_figures(long: bool) -> None:
     assert found["raw_core"] > 0
 
 
-@pytest.mark.timeout(300)
 def test_a_real_ros_2_robot_gives_its_figures(long: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not long:
         pytest.skip("a service, a robot and two agents that wait for their own time-outs: --long runs it")
@@ -65,7 +63,6 @@ def test_a_real_ros_2_robot_gives_its_figures(long: bool, monkeypatch: pytest.Mo
     assert found["raw_core"] > 0
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("over", ["ros1", "ros2"])
 def test_the_papers_scenarios_are_repaired_with_nodes_of_a_real_ros(
     over: str, long: bool, monkeypatch: pytest.MonkeyPatch

@@ -46,8 +46,6 @@ RESTART = ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node
 RESTART_LIDAR = ["stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
 CYCLE_LIDAR = ["shutdown(hokuyo)", "power_up(hokuyo)"]
 
-pytestmark = pytest.mark.timeout(600)
-
 
 @pytest.fixture(scope="session")
 def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:

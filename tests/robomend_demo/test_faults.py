@@ -28,8 +28,6 @@ nodes:
 """
 READY = ["sh", "-c", "echo up; exec sleep 1000"]
 
-pytestmark = pytest.mark.timeout(180)
-
 
 @dataclass(frozen=True)
 class Service:

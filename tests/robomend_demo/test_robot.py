@@ -47,7 +47,7 @@ class Robot:
         )
 
     def eventually(self, *literals: str) -> None:
-        eventually(lambda: self.holds(*literals), " and ".join(literals), 30)
+        eventually(lambda: self.holds(*literals), " and ".join(literals))
 
     def power(self, on: bool, *devices: str) -> None:
         for device in devices:

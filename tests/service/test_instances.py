@@ -45,7 +45,7 @@ def test_a_write_under_way_does_not_hide_what_another_has_acknowledged(start: St
     with ThreadPoolExecutor(3) as clients, pytest.MonkeyPatch.context() as patch:
         patch.setattr(robots._store, "write", hold)
         late = clients.submit(two.observe, "ok(odom)")
-        assert held.wait(20)
+        assert held.wait(60)
         assert one.observe("not ok(scan)").json()["revision"] == 1
         asked = clients.submit(two.api, "GET", "/robots/r1/observations")
         explained = clients.submit(two.diagnosis)

@@ -63,7 +63,7 @@ async def load(service: Served, round_: int, after_s: float) -> list[tuple[str, 
             await asyncio.sleep(0.01)
     await asyncio.sleep(after_s)  # a random moment
     service.process.kill()
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         await writers
     return acknowledged
 
@@ -105,7 +105,7 @@ def test_nothing_acknowledged_is_lost_when_the_service_is_killed(
             acknowledged += asyncio.run(load(service, round_, chance.uniform(0.05, 0.8)))
         finally:
             service.process.kill()
-            service.process.wait(30)
+            service.process.wait(60)
             assert service.process.stdout is not None
             service.process.stdout.close()
         assert asyncio.run(look(url, acknowledged)) <= len(acknowledged) + (round_ + 1) * WRITERS

@@ -90,7 +90,6 @@ def repair_of(client: Client, robot: str) -> dict[str, Any]:
     return dict(repairs[0]) if repairs else {"state": "none"}
 
 
-@pytest.mark.timeout(540)  # rclpy takes its time to be imported, three times
 def test_services_parameters_and_lifecycles_of_ros_2_repair_it_and_nothing_else_is_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

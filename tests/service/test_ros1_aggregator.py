@@ -68,7 +68,6 @@ def aggregator(ros: Robot, folder: Path) -> Iterator[None]:
         process.wait()
 
 
-@pytest.mark.timeout(300)  # five programs, one after another
 def test_the_real_aggregator_shows_each_component_with_level_hardware_and_explanation(tmp_path: Path) -> None:
     why = AGGREGATOR.install()
     if why and os.environ.get("CI"):

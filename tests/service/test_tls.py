@@ -35,11 +35,11 @@ def test_a_service_with_a_certificate_is_reached_over_tls_alone(
     authority.configure_trust(trusting)
     with served(issue(authority, tmp_path)) as service:
         assert service.url.startswith("https://127.0.0.1:")
-        assert httpx.get(f"{service.url}/healthz", verify=trusting, timeout=20).json() == {"status": "ok"}
+        assert httpx.get(f"{service.url}/healthz", verify=trusting, timeout=60).json() == {"status": "ok"}
         with pytest.raises(httpx.ConnectError):  # whoever does not know the authority does not talk to it
-            httpx.get(f"{service.url}/healthz", timeout=20)
+            httpx.get(f"{service.url}/healthz", timeout=60)
         with pytest.raises(httpx.HTTPError):
-            httpx.get(f"{service.url}/healthz".replace("https:", "http:"), timeout=20)
+            httpx.get(f"{service.url}/healthz".replace("https:", "http:"), timeout=60)
 
 
 def test_the_commands_say_what_tls_lacks_and_trust_whom_ssl_cert_file_names(

@@ -60,7 +60,7 @@ async def test_readers_never_see_an_id_before_a_smaller_one(store: Store, second
     """A reader who resumes after the largest id seen would otherwise miss the one that commits late."""
     writing = asyncio.gather(*(emit(who, "x") for _ in range(150) for who in (store, second)))
     seen: list[int] = []
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while len(seen) < 300:
             last = seen[-1] if seen else 0
             seen += [e.id for e in await store.read(partial(events_after, last))]

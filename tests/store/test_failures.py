@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 async def at_last(ask: Callable[[], Awaitable[T]]) -> T:
     """Ask until the store has an answer, for at most 20 s."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while True:
             with suppress(StoreError):
                 return await ask()

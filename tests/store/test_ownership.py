@@ -78,7 +78,7 @@ async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(st
         number, repair = (await asyncio.to_thread(next_line, process)).split()
         assert await store.ownership.acquire("r1") is None
         process.kill()
-        process.wait(10)
+        process.wait(60)
         async with asyncio.timeout(60):
             while "r1" not in await store.ownership.orphans():
                 await asyncio.sleep(0.05)
@@ -147,7 +147,7 @@ async def test_who_slept_reads_its_fence_before_it_acts(store: Store, second: St
     with pytest.raises(Fenced, match=r"taken over|lost"):
         await store.ownership.confirm(taken)
     await store.ownership.confirm(mine)  # nobody wanted it
-    assert await asyncio.wait_for(lost.get(), 30) == taken
+    assert await asyncio.wait_for(lost.get(), 60) == taken
     assert store.ownership.held == {"r1": mine}
 
 

@@ -27,7 +27,6 @@ def visitor(browser: Browser) -> Iterator[Watched]:
     context.close()
 
 
-@pytest.mark.timeout(240)
 def test_the_power_up_scenario_is_seen_from_the_diagnosis_to_the_verified_repair(
     visitor: Watched, tmp_path: Path
 ) -> None:

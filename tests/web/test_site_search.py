@@ -12,8 +12,6 @@ from tests.test_site import site
 
 __all__ = ["site"]  # a fixture
 
-pytestmark = pytest.mark.timeout(600)  # a busy computer takes minutes to build it
-
 
 @pytest.mark.parametrize(
     ("asked", "page"),

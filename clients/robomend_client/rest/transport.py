@@ -102,16 +102,13 @@ class StreamState:
         patience_s: float | None,
         on_gap: Callable[[Mapping[str, Any]], None] | None = None,
         on_connection: Callable[[ClientError | None], None] | None = None,
-        retry: Retry | None = None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = path("events") if robot is None else path("robots", robot, "events")
         self._decoder = EventDecoder("" if after is None else str(after))
         self._patience_s = patience_s
         self._on_gap = on_gap
         self._on_connection = on_connection
-        self._retry = retry or Retry()
-        self._clock = clock
+        self._retry = Retry()
         self._failures = 0
         self._lost_at: float | None = None
 
@@ -146,13 +143,13 @@ class StreamState:
 
     def after(self, failure: ClientError) -> float:
         """Return the seconds until the next try; raise `failure` when patience has run out."""
-        now = self._clock()
+        now = time.monotonic()
         if self._lost_at is None and self._on_connection is not None:
             self._on_connection(failure)
         self._lost_at = now if self._lost_at is None else self._lost_at
         self._failures += 1
         if self._patience_s is not None and now - self._lost_at >= self._patience_s:
             raise failure
-        wait_s = self._retry.wait_s(self._failures, draw=self._clock() % 1.0)
+        wait_s = self._retry.wait_s(self._failures, draw=now % 1.0)
         asked_s = failure.retry_after_s if isinstance(failure, ApiError) else self._decoder.retry_s
         return max(wait_s, min(asked_s or 0.0, 60.0))

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from robomend.planning.drill import PlantableFault
 
 REFUSED = 1
-WORSE = 1
 
 BY_HAND = "a person"
 

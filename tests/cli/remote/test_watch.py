@@ -48,9 +48,9 @@ def watching(*arguments: str) -> Iterator[tuple[Queue[str], list[str]]]:
         yield lines, said
     finally:
         process.kill()
-        process.wait(10)
+        process.wait(60)
         for thread in threads:
-            thread.join(10)
+            thread.join(60)
 
 
 def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, robot: str) -> None:

@@ -89,7 +89,6 @@ def act(robot: AnyRobot, *, aborts: bool = False, cancel: bool = False) -> None:
         node.do("act", name=name, order=13 if aborts else 1, cancel=cancel)
 
 
-@pytest.mark.timeout(300)  # a whole session
 @pytest.mark.parametrize("robot", ["ros1", "ros2"], indirect=True)
 def test_usual_traffic_raises_no_alarm_and_each_kind_of_evidence_is_reported_with_its_words(
     robot: AnyRobot, tmp_path: Path

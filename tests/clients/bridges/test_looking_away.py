@@ -42,7 +42,6 @@ def watching(robot: AnyRobot) -> dict[str, Any]:
 WELL = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path
 ) -> None:

@@ -11,7 +11,6 @@ from tests.clients.running_agent import agent, config
 from tests.clients.service_double import eventually, service_double
 
 
-@pytest.mark.timeout(300)  # a whole session
 @pytest.mark.parametrize("origin", ORIGINS)
 def test_the_robots_own_time_plays_no_part_wherever_it_jumps(origin: str, tmp_path: Path) -> None:
     with any_robot(origin, tmp_path) as robot, service_double() as service:

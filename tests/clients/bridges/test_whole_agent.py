@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from tests.clients.bridges.any_robot import AnyRobot
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_nodes_and_topics_reach_the_service_with_their_evidence(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path
 ) -> None:

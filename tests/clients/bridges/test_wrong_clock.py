@@ -16,7 +16,6 @@ STAMPED = ("ros2", "zenoh")
 """Where messages bear their publishers' stamps."""
 
 
-@pytest.mark.timeout(400)  # a whole session
 def test_a_clock_that_is_set_stops_no_node_and_silences_no_topic(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

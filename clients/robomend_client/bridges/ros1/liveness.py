@@ -179,8 +179,6 @@ MISSES, STARVED_MISS = 3, 0.2
 MOST_AT_ONCE = 16
 """Questions that begin in one beat."""
 
-OnTable = Callable[["dict[str, bool | None]"], None]
-
 
 class Liveness:
     """See the module."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import ServiceDouble, eventually
 from tests.ros1 import Robot
@@ -46,7 +45,6 @@ REPAIR: dict[str, Any] = {
 SUCCEEDED, REJECTED = 3, 5
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_actions_go_both_ways_between_the_agent_and_the_robots_own_nodes(
     ros1: Robot, service: ServiceDouble, tmp_path: Path
 ) -> None:

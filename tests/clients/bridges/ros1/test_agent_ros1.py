@@ -36,7 +36,7 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
 ) -> None:
     def say(port: int, *data: bytes) -> None:
         for one in data:
-            with socket.create_connection(("127.0.0.1", port), timeout=30) as connection:
+            with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
                 connection.sendall(one)
                 connection.shutdown(socket.SHUT_WR)
                 with contextlib.suppress(ConnectionResetError):

@@ -31,7 +31,6 @@ def register_odd_ones(uri: str, port: int) -> None:
         assert api.registerService("/somebody", name, f"rosrpc://{where}", "http://127.0.0.1:1/")[0] == 1
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_nodes_and_services_are_seen_to_begin_freeze_go_on_and_end(ros1: Robot) -> None:
     killed, frozen, ends, stays = (ros1.node(name) for name in ("killed", "frozen", "ends", "stays"))
     ros1.node("elsewhere", ROS_HOSTNAME="no-such-robot.invalid", ROS_IP="")
@@ -89,7 +88,6 @@ def test_nodes_and_services_are_seen_to_begin_freeze_go_on_and_end(ros1: Robot) 
     asyncio.run(test())
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_a_master_that_is_frozen_or_starts_anew_is_told_once_and_hides_no_node_that_ends(
     ros1: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,7 +47,6 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
         yield found
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_ticks_fields_statuses_and_measurements_come_from_a_real_robot(ros: Robot) -> None:
     node = ros.node("driver")
     node.do("publish", topic="/motor", type=MINE, definition=MINE_TEXT, value=motor(39.5), rate=20)
@@ -107,7 +106,6 @@ def test_ticks_fields_statuses_and_measurements_come_from_a_real_robot(ros: Robo
     asyncio.run(test())
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_publishers_that_come_late_come_again_or_change_their_type_are_heard(ros: Robot) -> None:
     late = {"topic": "/late", "type": "std_msgs/String", "rate": 20}
     changed = {"topic": "/motors", "type": "my_msgs/Motor", "rate": 20}

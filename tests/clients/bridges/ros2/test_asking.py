@@ -41,7 +41,6 @@ def do(ros: Ros2Robot, executor: Ros2Asking, *parameters: str, timeout_s: float 
     return asyncio.run(executor.execute(action, lambda number, message: None))
 
 
-@pytest.mark.timeout(400)  # a program with rclpy for each question
 def test_real_nodes_are_asked_for_services_parameters_and_lifecycles(
     ros2: Ros2Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

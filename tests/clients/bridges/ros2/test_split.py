@@ -42,7 +42,6 @@ def robot_there(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple
         yield computer, ros
 
 
-@pytest.mark.timeout(300)  # a whole session
 def test_of_nodes_behind_a_split_network_it_is_unknown_whether_they_run_until_it_is_whole_again(
     service: ServiceDouble, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
