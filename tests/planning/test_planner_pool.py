@@ -150,3 +150,13 @@ def test_when_nothing_works_the_error_is_the_workers() -> None:
             planners.plans_now(TEDUSAR, [], [["jaguar"]], PlanOptions())
     finally:
         planners.close()
+
+
+def test_a_small_problem_needs_no_worker_which_takes_long_to_start_on_a_busy_computer() -> None:
+    planners = PlannerPool(size=1, spare=0, memory_bytes=40 << 20)  # in which none can start
+    try:
+        [found] = planners.plans_now(TEDUSAR, [fails("on", "jaguar")], [["jaguar"]], PlanOptions())
+        assert texts(found) == JAGUAR
+        assert planners.pids == ()
+    finally:
+        planners.close()

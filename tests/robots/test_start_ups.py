@@ -371,3 +371,20 @@ def test_the_driver_of_a_device_of_unknown_boot_is_started_at_once_and_then_afte
     assert found.all_booted_ns(PARTS, seen) == 1000 * S + BOOTS_NS
     found.acted(Action("c", "power_up", ("lidar",), 1.0), 1000 * S, 1000 * S)
     assert found.drivable_ns("driver", PARTS, seen) <= 1000 * S
+
+
+@pytest.mark.parametrize("jump_s", [-3600, -30, 0, 30, 3600])
+def test_a_clock_that_jumps_in_the_middle_of_a_boot_teaches_nothing_and_holds_nobody_up(
+    jump_s: int, clock: SimpleNamespace
+) -> None:
+    found, seen = StartUps(), Seen(rose={ON: 999 * S})
+    heard(
+        found, news(Literal(SCAN, False), 999), news(Literal(DRIVER, False), 999), news(Literal(DRIVER), 1000)
+    )
+    heard(
+        found, news(Literal(SCAN), 1004 + jump_s), late_s=-jump_s
+    )  # 4 s later by a clock that does not jump
+    assert found.may_take_ns("scan") == (8 * S if jump_s == 0 else None)
+    clock.time_ns += max(0, jump_s) * S  # the service's own does not go back
+    wait_s = (found.drivable_ns("driver", SLOW, seen) - clock.time_ns) / S
+    assert wait_s <= 60 * 9 / 8

@@ -365,8 +365,6 @@ class _Play:
     async def _until_over(self, disturbing: asyncio.Task[None] | None) -> None:
         live, scenario = self._live, self._live.scenario
         most_s = _most_s(live.robot, scenario, self._terms)
-        if disturbing is not None:
-            disturbing.add_done_callback(lambda _: live.happened())
         if scenario.blind is not None:
             live.disturb_observer()
             live.note(f"observer of {scenario.blind.topic}: {scenario.blind.how}")
@@ -381,8 +379,10 @@ class _Play:
                 for each in waiting:
                     self._plan(each)
                 waiting = []
-            over = self._over(bool(waiting)) and (disturbing is None or disturbing.done())
-            over = over and await self._retried(most_s)
+            if disturbing is not None and disturbing.done():
+                disturbing = None
+                live.happened()  # what was kept from judging, or from acting, begins now
+            over = disturbing is None and self._over(bool(waiting)) and await self._retried(most_s)
             if over or live.at_s() > most_s or live.record.error:
                 return
 

@@ -8,6 +8,8 @@ import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from tests.terminal import Terminal
@@ -15,8 +17,9 @@ from tests.waiting import until
 
 from robomend_bench.faults import trial as trials
 from robomend_bench.faults.bench import run_trials
+from robomend_bench.faults.classes import Scenario
 from robomend_bench.faults.live import LiveRobot
-from robomend_bench.faults.record import Trial
+from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.trial import Terms
 
@@ -80,3 +83,31 @@ def services(begun: Terminal) -> list[int]:
             if b"--announce" in Path(f"/proc/{process}/cmdline").read_bytes():
                 found.append(process)
     return found
+
+
+def test_a_trial_is_not_over_before_who_was_starved_had_the_time_to_judge() -> None:
+    """However the end of what disturbs it and the look whether it is over meet."""
+    clock = [100.0]
+
+    async def play() -> float:
+        # Who asked to be told that it has ended is not yet.
+        starved = SimpleNamespace(done=lambda: True, add_done_callback=lambda told: None)
+        live: Any = SimpleNamespace(
+            robot=find_robot("base"),
+            scenario=Scenario(),
+            record=Record(TWO[0], "fast"),
+            last_s=0.0,
+            at_s=lambda: clock[0],
+        )
+        live.happened = lambda: setattr(live, "last_s", clock[0])
+        around = SimpleNamespace(clock=lambda: clock[0])
+        one = trials._Play(live, Terms("fast", most_s=1000.0), cast(Any, around), cast(Any, None))
+        over = asyncio.create_task(one._until_over(cast(Any, starved)))
+        while not over.done():
+            await asyncio.sleep(0.0)
+            clock[0] += 0.001
+        await over
+        return float(clock[0] - live.last_s)
+
+    took_s = asyncio.run(play())
+    assert Terms("fast").quiet_s <= took_s < 100.0  # counted from that end
