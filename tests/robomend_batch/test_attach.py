@@ -30,9 +30,10 @@ from tests.waiting import until
 from tests.zenoh_robot import robot as zenoh_robot
 
 from robomend.cli.commands import run
-from robomend.model.loading import load_model
-from robomend_batch.attach_command import alike_namespaces, joined, settled
-from robomend_client.ros_graph import Ear, Heard, RosGraph
+from robomend.model.from_graph import first_model
+from robomend.model.loading import load_model, load_text
+from robomend_batch.attach_command import alike_namespaces, joined, plugged_in, settled
+from robomend_client.ros_graph import Ear, Heard, HeardDevice, RosGraph
 
 MOST_S = 110.0
 SECONDS = "10"
@@ -386,6 +387,28 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     assert {file: file.read_text() for file in folder.glob("*.yaml")} == before
     assert run(["attach", "--update", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
+
+
+def test_devices_are_proposed_and_none_of_them_counts_before_somebody_says_so(tmp_path: Path) -> None:
+    ports, port = tmp_path / "dev" / "serial" / "by-id", tmp_path / "ttyUSB0"
+    ports.mkdir(parents=True)
+    port.touch()
+    (ports / "usb-FTDI_FT232R-if00").symlink_to(port)
+    with port.open() as _:
+        found = plugged_in(tmp_path / "dev")
+    assert re.fullmatch(
+        rf".*FT232R-if00, which .* \({os.getpid()}\) has open", found["usb-FTDI_FT232R-if00"].source
+    )
+    found["H-1234"] = HeardDevice("hardware_id of the status 'lidar_driver: scan'", "/lidar_driver")
+    graph = RosGraph({"/scan": frozenset({"/lidar_driver"})})
+    text = first_model(Heard(graph, "a test", 60, 1, devices=found), "rover").text
+    said = "hardware_id of the status 'lidar_driver: scan', by lidar_driver"
+    assert f"#   H-1234: {{blame_hardware: true}}    # {said}\n" in text
+    parts = load_text(text).parts
+    assert parts is not None
+    assert not parts.hardware
+    begun = text.replace("# hardware:", "hardware:").replace("#   H-1234:", "  H-1234:")
+    assert list(load_text(begun).parts.hardware) == ["H-1234"]  # type: ignore[union-attr]  # it is of components
 
 
 def test_launch_files_ask_for_what_is_not_there(tmp_path: Path) -> None:
