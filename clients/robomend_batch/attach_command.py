@@ -195,6 +195,8 @@ def command(
     with Interrupts() as interrupts, _alone(folder):
         attached = _Attached(wanted, interrupts)
         try:
+            if url is not None:
+                _reach(url, key)
             attached.run_detached() if detach else attached.run()
         except Interrupted as interrupted:
             click.echo("ended: all that was started is gone", err=True)
@@ -484,6 +486,18 @@ class _Attached:
         return bool(texts) and all(
             path.exists() and path.read_text("utf-8") == self._written[name] for name, path in texts.items()
         )
+
+
+def _reach(url: str, key: str | None) -> None:
+    """Ask a service for its version, before a minute is spent.
+
+    Raises:
+        BackendError, InputError: it does not answer, or not to this key.
+    """
+    from robomend.cli.remote.connection import asking
+
+    with asking(url, key) as client:
+        client.robots(limit=1)
 
 
 def load_later() -> None:

@@ -443,6 +443,7 @@ def recording(file: Path, rate_hz: int) -> None:
         (["--ros2", "rover"], 2, "'rover' is no domain of ROS 2, from 0 to 232; DIR stands before --ros2"),
         (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
         (["--ros1", "http://127.0.0.1:1/"], 2, "no robot was found. the master at http://127.0.0.1:1/"),
+        (["--ros1", "http://127.0.0.1:1/", "--url", "http://127.0.0.1:1"], 3, "nobody answers at"),
         (["--name", "a b"], 2, "'a b' is no robot's name"),
         (["--detach"], 2, "--detach needs systemd"),
         (["--detach", "--bag", "."], 2, "--bag starts nothing that --detach could leave running"),
