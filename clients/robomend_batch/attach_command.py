@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from robomend.cli.interrupts import Interrupts
     from robomend.cli.stage import Stage
     from robomend_client.bridges.hearing import Hearing
-    from robomend_client.ros_graph import Heard, Table
+    from robomend_client.ros_graph import Heard, HeardDevice, Table
 
 FROM_ENVIRONMENT = "environment"
 """The value of --ros1 and --ros2 without one."""
@@ -57,6 +57,9 @@ JOIN_LOOK_S = 5.0
 ROWS = 24
 LINES_S = 10.0
 """Between two lines where there is no terminal to draw on."""
+
+PLUGGED = ("serial", "v4l", "input")
+"""Kinds of devices that udev names by what is written on them, in /dev."""
 
 LONGEST_FOLDER = 60
 """Below it fits the path of a Unix socket."""
@@ -90,6 +93,7 @@ class Wanted:
     zenoh: str | None = None
     launch: tuple[Path, ...] = ()
     analyzers: tuple[Path, ...] = ()
+    devices: bool = False
 
 
 @click.command("attach", short_help="Watch a running robot; nothing need be written before.")
@@ -125,6 +129,11 @@ class Wanted:
 @click.option(
     "--analyzers", multiple=True, type=FILE, help="Of its diagnostic_aggregator: names of statuses."
 )
+@click.option(
+    "--devices",
+    is_flag=True,
+    help="Propose hardware: what /diagnostics and ros2_control name, and what is plugged in here.",
+)
 @click.option("--name", help="The robot's name.  [default: DIR's]")
 @click.option("--namespace", default="/", help="Only the nodes in here, of several robots in one domain.")
 @click.option("--url", envvar="ROBOMEND_URL", help="A service that runs, instead of one of its own.")
@@ -139,6 +148,7 @@ def command(
     bags: tuple[Path, ...],
     launch: tuple[Path, ...],
     analyzers: tuple[Path, ...],
+    devices: bool,
     seconds: float,
     name: str | None,
     namespace: str,
@@ -172,7 +182,7 @@ def command(
     if not ROBOT.match(robot):
         raise InputError(f"{robot!r} is no robot's name: letters, digits and . _ - (64 at most); see --name")
     asked = folder, robot, seconds, ros1, ros2, namespace, url, key, update
-    wanted = Wanted(*asked, detach, zenoh, launch, analyzers)
+    wanted = Wanted(*asked, detach, zenoh, launch, analyzers, devices)
     if detach and bags:
         raise click.UsageError("--bag starts nothing that --detach could leave running")
     if detach:
@@ -185,6 +195,8 @@ def command(
     with Interrupts() as interrupts, _alone(folder):
         attached = _Attached(wanted, interrupts)
         try:
+            if url is not None:
+                _reach(url, key)
             attached.run_detached() if detach else attached.run()
         except Interrupted as interrupted:
             click.echo("ended: all that was started is gone", err=True)
@@ -476,6 +488,18 @@ class _Attached:
         )
 
 
+def _reach(url: str, key: str | None) -> None:
+    """Ask a service for its version, before a minute is spent.
+
+    Raises:
+        BackendError, InputError: it does not answer, or not to this key.
+    """
+    from robomend.cli.remote.connection import asking
+
+    with asking(url, key) as client:
+        client.robots(limit=1)
+
+
 def load_later() -> None:
     """Load what is needed once a robot was heard; on a busy computer that takes seconds."""
     from robomend.cli.init.described import Described, files_of
@@ -488,6 +512,20 @@ def load_later() -> None:
     files_of(Described("robot", heard=Heard(graph, "nowhere"), policy="observe"))
     for file in FILES:
         schema_text(file)
+
+
+def plugged_in(folder: Path = Path("/dev")) -> dict[str, HeardDevice]:
+    """Return the serial ports and cameras of this computer, by the names that udev gives them."""
+    from robomend_client.bridges.processes import has_file_open
+    from robomend_client.ros_graph import HeardDevice
+
+    found = {}
+    for kind in PLUGGED:
+        for link in sorted((folder / kind / "by-id").glob("*")):
+            used = has_file_open(link)
+            said = f"{link}, which {used} has open" if used else str(link)
+            found[link.name] = HeardDevice(said)
+    return found
 
 
 def _state(client: Any, robot: str) -> str:
@@ -716,6 +754,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
 
     bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
     heard = with_files(heard, wanted.launch, wanted.analyzers)
+    heard = replace(heard, devices={**plugged_in(), **heard.devices} if wanted.devices else {})
     said = Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus, policy="observe")
     texts = files_of(said)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}

@@ -142,6 +142,14 @@ class HeardStatus:
 
 
 @dataclass(frozen=True)
+class HeardDevice:
+    """A device that something speaks of."""
+
+    source: str  # where it is from, for people
+    node: str = ""  # that drives it, as far as that is known
+
+
+@dataclass(frozen=True)
 class Heard:
     """What was heard of a robot. A graph alone is one, too: then nobody listened (`seconds` is 0)."""
 
@@ -159,6 +167,7 @@ class Heard:
     since_ns: Mapping[str, int] = field(default_factory=dict)  # node -> when it was seen first
     remarks: tuple[str, ...] = ()  # what else people should know
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
+    devices: Mapping[str, HeardDevice] = field(default_factory=dict)  # by what it calls itself
     launched: Mapping[str, str] = field(
         default_factory=dict
     )  # nodes of launch files -> what they say of each

@@ -30,9 +30,10 @@ from tests.waiting import until
 from tests.zenoh_robot import robot as zenoh_robot
 
 from robomend.cli.commands import run
-from robomend.model.loading import load_model
-from robomend_batch.attach_command import alike_namespaces, joined, settled
-from robomend_client.ros_graph import Ear, Heard, RosGraph
+from robomend.model.from_graph import first_model
+from robomend.model.loading import load_model, load_text
+from robomend_batch.attach_command import alike_namespaces, joined, plugged_in, settled
+from robomend_client.ros_graph import Ear, Heard, HeardDevice, RosGraph
 
 MOST_S = 110.0
 SECONDS = "10"
@@ -388,6 +389,28 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
 
 
+def test_devices_are_proposed_and_none_of_them_counts_before_somebody_says_so(tmp_path: Path) -> None:
+    ports, port = tmp_path / "dev" / "serial" / "by-id", tmp_path / "ttyUSB0"
+    ports.mkdir(parents=True)
+    port.touch()
+    (ports / "usb-FTDI_FT232R-if00").symlink_to(port)
+    with port.open() as _:
+        found = plugged_in(tmp_path / "dev")
+    assert re.fullmatch(
+        rf".*FT232R-if00, which .* \({os.getpid()}\) has open", found["usb-FTDI_FT232R-if00"].source
+    )
+    found["H-1234"] = HeardDevice("hardware_id of the status 'lidar_driver: scan'", "/lidar_driver")
+    graph = RosGraph({"/scan": frozenset({"/lidar_driver"})})
+    text = first_model(Heard(graph, "a test", 60, 1, devices=found), "rover").text
+    said = "hardware_id of the status 'lidar_driver: scan', by lidar_driver"
+    assert f"#   H-1234: {{blame_hardware: true}}    # {said}\n" in text
+    parts = load_text(text).parts
+    assert parts is not None
+    assert not parts.hardware
+    begun = text.replace("# hardware:", "hardware:").replace("#   H-1234:", "  H-1234:")
+    assert list(load_text(begun).parts.hardware) == ["H-1234"]  # type: ignore[union-attr]  # it is of components
+
+
 def test_launch_files_ask_for_what_is_not_there(tmp_path: Path) -> None:
     recording(tmp_path / "good.bag", 10)
     launch = tmp_path / "all.launch"
@@ -420,6 +443,7 @@ def recording(file: Path, rate_hz: int) -> None:
         (["--ros2", "rover"], 2, "'rover' is no domain of ROS 2, from 0 to 232; DIR stands before --ros2"),
         (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
         (["--ros1", "http://127.0.0.1:1/"], 2, "no robot was found. the master at http://127.0.0.1:1/"),
+        (["--ros1", "http://127.0.0.1:1/", "--url", "http://127.0.0.1:1"], 3, "nobody answers at"),
         (["--name", "a b"], 2, "'a b' is no robot's name"),
         (["--detach"], 2, "--detach needs systemd"),
         (["--detach", "--bag", "."], 2, "--bag starts nothing that --detach could leave running"),

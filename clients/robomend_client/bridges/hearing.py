@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -24,7 +25,7 @@ from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.opened import OpenedMessage
 from robomend_client.bridges.problems import Problems
 from robomend_client.python310 import end
-from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name
+from robomend_client.ros_graph import Ear, Heard, HeardDevice, HeardStatus, RosGraph, lasting_name
 
 if TYPE_CHECKING:  # what they need may not be installed
     from robomend_client.bridges.ros1.node import RosNode
@@ -47,6 +48,13 @@ NOISY = {"sensor_msgs/Imu": "linear_acceleration.z", "sensor_msgs/LaserScan": "r
 
 ACTION_RESULT = "ActionResult"
 """Ends the type of the topic on which an action server of ROS 1 tells its results."""
+
+DESCRIPTION = "/robot_description"
+CONTROLLED = re.compile(r'<ros2_control\s[^>]*?name="([^"<>]+)".*?</ros2_control>', re.DOTALL)
+PLUGIN = re.compile(r"<plugin>\s*([^<>]+?)\s*</plugin>")
+MOST_DEVICES = 200
+NO_DEVICE = frozenset(("", "none", "unknown", "n/a"))
+"""What drivers without a device tell as its id."""
 
 NOT_HEARD = frozenset(("/parameter_events", "/ros_discovery_info"))
 
@@ -89,6 +97,7 @@ class Hearing(ABC):
         self._status_ears: dict[str, Ear] = {}
         self._status_publishers: dict[str, set[str]] = {}
         self._errors: Counter[str] = Counter()
+        self._devices: dict[str, HeardDevice] = {}
         self._states: dict[str, str] = {}
         self._values: dict[str, tuple[Any, int, int]] = {}  # topic -> newest value, changes, messages
         self._seen_ns: dict[str, int] = {}  # node -> when it was seen to run first
@@ -156,6 +165,7 @@ class Hearing(ABC):
             dict(self._seen_ns),
             tuple(remarks),
             {name: dict(keys) for name, keys in self.origin.items()},
+            dict(self._devices),
         )
 
     @abstractmethod
@@ -216,7 +226,7 @@ class Hearing(ABC):
         return new
 
     def _looks(self, topic: str) -> bool:
-        return self._kind(topic) in (DIAGNOSTICS, TRANSITION, *LOGS, *NOISY)
+        return topic.endswith(DESCRIPTION) or self._kind(topic) in (DIAGNOSTICS, TRANSITION, *LOGS, *NOISY)
 
     def _look(self, topic: str, node: str, time_ns: int, message: OpenedMessage) -> None:
         """Look into a message of a kind that says something of nodes."""
@@ -224,9 +234,16 @@ class Hearing(ABC):
         try:
             if kind == DIAGNOSTICS:
                 for status in message.at("status"):
+                    said = f"hardware_id of the status {str(status['name'])!r}"
+                    self._device(str(status.get("hardware_id", "")), said, node)
                     self._status(str(status["name"]).removeprefix("/"), status["level"], node, time_ns)
             elif kind == TRANSITION:
                 self._states[node] = str(message.at("goal_state.label"))
+            elif topic.endswith(DESCRIPTION):
+                for found in CONTROLLED.finditer(str(message.at("data"))):
+                    plugin = PLUGIN.search(found[0])
+                    of = f", {plugin[1]}" if plugin else ""
+                    self._device(found[1], f"ros2_control of {topic.removeprefix('/')}{of}", "")
             elif kind in NOISY:
                 value = message.at(NOISY[kind])
                 before, changed, came = self._values.get(topic, (None, 0, 0))
@@ -245,6 +262,14 @@ class Hearing(ABC):
         if node:
             self._status_publishers.setdefault(name, set()).add(lasting_name(node))
         self._status_publishers.setdefault(name, set())
+
+    def _device(self, name: str, source: str, node: str) -> None:
+        name = name.strip()
+        known = self._devices.get(name)
+        if name.lower() in NO_DEVICE or (known is None and len(self._devices) >= MOST_DEVICES):
+            return
+        if known is None or (node and not known.node):  # whose message it is may be known later
+            self._devices[name] = HeardDevice(source, lasting_name(node))
 
     def _kind(self, topic: str) -> str:
         return self.graph.types.get(topic, "").replace("/msg/", "/")

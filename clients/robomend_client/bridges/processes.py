@@ -57,6 +57,16 @@ def has_open(ports: Callable[[int, int], bool], tables: Iterable[str], likely: i
     return None
 
 
+def has_file_open(file: Path) -> str:
+    """Return which process has a file open, for people; empty: nobody that we may see."""
+    named = {str(file.resolve())}
+    for pid in _all_pids():
+        if _holds(pid, named):
+            with suppress(OSError):
+                return f"{Path(f'/proc/{pid}/comm').read_text().strip()} ({pid})"
+    return ""
+
+
 def is_ours(address: str) -> bool:
     """Return whether an address, as a number, is one of this computer's."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET

@@ -298,6 +298,7 @@ class _Draft:
             "",
             "# hardware:                   # your devices; `channel:` if a power board switches them",
             "#   lidar: {channel: 3}       # then say which node drives it: drives: [lidar]",
+            *self._devices(),
             "",
             "nodes:",
             *self._nodes(),
@@ -454,6 +455,13 @@ class _Draft:
             return "heard once, and kept for those who come later" if one.count else "its publisher keeps it"
         why = self.why_not[topic]
         return f"{'nothing came' if why == 'silent' else why} in {self.heard.seconds:.0f} s"
+
+    def _devices(self) -> Iterator[str]:
+        """Proposals: without power, and none of them counts before somebody says that it is one."""
+        for name, device in sorted(self.heard.devices.items()):
+            if _is_name(name):
+                driven = f", by {comment(device.node)}" if device.node in self.nodes else ""
+                yield f"#   {word(name)}: {{blame_hardware: true}}    # {comment(device.source)}{driven}"
 
     def _statuses(self) -> tuple[dict[str, str], dict[str, str]]:
         """Return properties with their statuses, and the same with the nodes to blame."""

@@ -12,10 +12,12 @@ from tests.ros2 import robot as ros2_robot
 from tests.waiting import eventually
 
 from robomend_client.bridges.hearing import Hearing, Ros1Hearing, Ros2Hearing
-from robomend_client.ros_graph import Heard
+from robomend_client.ros_graph import Heard, HeardDevice
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
-STATUS = {"status": [{"name": "mapper: cpu", "level": 0, "message": "fine"}]}
+STATUS = {"status": [{"name": "mapper: cpu", "level": 0, "message": "fine", "hardware_id": "xavier-7"}]}
+CONTROLLED = """<robot name="r"><ros2_control name="base" type="system"><hardware>
+<plugin>diffdrive/Serial</plugin></hardware></ros2_control></robot>"""
 
 
 def listened(hearing: Hearing, enough: Callable[[Heard], bool]) -> Heard:
@@ -42,6 +44,8 @@ def enough(heard: Heard) -> bool:
     flowed = (
         named and counts.get("/scan", 0) > 20 and counts.get("/pose", 0) > 20 and counts.get("/map", 0) > 0
     )
+    device = heard.devices.get("xavier-7")
+    flowed = flowed and device is not None and bool(device.node)
     return flowed and bool(heard.statuses) and bool(heard.actions) and "/cmd_vel" in counts
 
 
@@ -58,6 +62,7 @@ def judged(heard: Heard) -> None:
     assert heard.statuses["mapper: cpu"].levels == {0}
     assert heard.statuses["mapper: cpu"].publishers == {"/mapper"}
     assert heard.actions == {"/fib": "/mapper"}
+    assert heard.devices["xavier-7"] == HeardDevice("hardware_id of the status 'mapper: cpu'", "/mapper")
     assert not heard.gone
     assert heard.seconds > 0
 
@@ -75,8 +80,11 @@ def test_a_robot_with_ros_2_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyP
         mapper.do("publish", topic="/diagnostics", type=DIAGNOSTICS, rate=5, value=STATUS)
         mapper.do("serve", name="/fib")
         mapper.do("lifecycle", name="camera")
-        heard = listened(Ros2Hearing(ros.domain), enough)
+        about = {"topic": "/robot_description", "type": kind, "value": {"data": CONTROLLED}}
+        mapper.do("publish", **about, latched=True)
+        heard = listened(Ros2Hearing(ros.domain), lambda one: enough(one) and len(one.devices) > 1)
     judged(heard)
+    assert heard.devices["base"].source == "ros2_control of robot_description, diffdrive/Serial"
     assert heard.lifecycle == {"/camera": ""}
     assert heard.origin == {"ros2": {"domain": ros.domain}}
     assert any("no message goes there" in remark for remark in heard.remarks)
