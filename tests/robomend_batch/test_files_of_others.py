@@ -91,6 +91,75 @@ def test_diagnostics_are_read_as_drivers_write_them(topic: str, log: str, tmp_pa
         assert {one for interval in intervals(out) for one in interval["observations"]} == expected, what
 
 
+@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
+def test_two_robots_in_one_recording_are_told_apart(log: str, tmp_path: Path) -> None:
+    """Of one robot the arm is broken, of the other the odometry ends; both have the same names."""
+    (tmp_path / "model.yaml").write_text(DEVICE)
+    store, cdr = (ROS1, False) if log.endswith(".bag") else (ROS2, True)
+    record = Recorder(store, cdr)
+    for n in range(200):
+        at_s = n / 10
+        for robot in ("one", "two"):
+            if robot == "one" or at_s < 10:
+                record(at_s, f"/{robot}/odom", "std_msgs/msg/String", data="x")
+            level = 2 if robot == "one" and at_s > 5 else 0
+            kind = "diagnostic_msgs/msg/DiagnosticArray"
+            record(at_s, f"/{robot}/diagnostics", kind, status=[status(level)])
+    file = record.write(tmp_path / log)
+    observers = {"device": {"kind": "diagnostic", "status": ["arm: *"]}}
+    found = {}
+    for robot in ("one", "two", "three"):
+        agent = {
+            "ros1": {"namespace": robot},
+            "topics": {"odom": {"rate_hz": 10, "tolerance_hz": 2}},
+            "observers": observers,
+        }
+        (tmp_path / "agent.yaml").write_text(json.dumps(agent))
+        given = file, "--observers", tmp_path / "agent.yaml"
+        code = batch_run(tmp_path / robot, *given, model=tmp_path / "model.yaml")
+        found[robot] = code, {one for line in intervals(tmp_path / robot) for one in line["observations"]}
+    assert found == {"one": (0, {"not ok(device)"}), "two": (0, {"not ok(odom)"}), "three": (2, set())}
+
+
+@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
+def test_of_a_list_of_ten_thousand_goals_the_newest_count(log: str, tmp_path: Path) -> None:
+    (tmp_path / "model.yaml").write_text(GOALS)
+    old = log.endswith(".bag")
+    keys = {"kind": "goals", "action": "dock", **({"preset": "ros1"} if old else {})}
+    (tmp_path / "agent.yaml").write_text(json.dumps({"observers": {"ok(goals,arm)": keys}}))
+    record = Recorder(ROS1, False) if old else Recorder(ROS2, True)
+    for at_s in range(3):
+        many = [goal(old, number, aborted=False) for number in range(10_000)]
+        many[-1] = goal(old, 10_000 + at_s, aborted=at_s > 0)
+        topic, kind = (
+            ("/dock/status", "actionlib_msgs/msg/GoalStatusArray")
+            if old
+            else ("/dock/_action/status", "action_msgs/msg/GoalStatusArray")
+        )
+        record(at_s, topic, kind, status_list=many)
+    given = record.write(tmp_path / log), "--observers", tmp_path / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "model.yaml") == 0
+    assert [one for one in told(tmp_path / "out") if one[1] == "faulty"] == [(1, "faulty", [["arm"]])]
+
+
+GOALS = """
+robomend: 1
+name: r
+nodes: {arm: {}}
+properties: {goals: {}}
+rules: ["not ab(arm) -> ok(goals,arm)"]
+"""
+
+
+def goal(old: bool, number: int, *, aborted: bool) -> dict[str, Any]:
+    """Return a goal that has ended, as actionlib or ROS 2 has it in its list."""
+    stamp = {"sec": EPOCH_NS // SECOND, "nanosec": 0}
+    if old:
+        return {"goal_id": {"id": f"g{number}", "stamp": stamp}, "status": 4 if aborted else 3}
+    uuid = [*number.to_bytes(16, "big")]
+    return {"goal_info": {"goal_id": {"uuid": uuid}, "stamp": stamp}, "status": 6 if aborted else 4}
+
+
 # --- messages that are not what a file says of them --------------------------------------------------------
 
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from tests.clients.bridges.any_robot import any_robot
+from tests.clients.bridges.any_robot import AnyRobot, any_robot
+from tests.clients.bridges.ros1.test_actions import REPAIR
+from tests.clients.bridges.test_evidence import STAMPED, act, goals
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
-from tests.robomend_batch.running import batch_run, intervals
+from tests.robomend_batch.running import batch_run, intervals, logs
+
+from robomend_client.observers.base import SECOND
 
 MODEL = """
 robomend: 1
@@ -76,11 +81,7 @@ def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: P
         assert moment is not None
         recording = tmp_path / "moment.mcap"
         recording.write_bytes(service.recordings[moment["key"]])
-    held: dict[str, int] = {}
-    for batch in service.batches():
-        for text in batch["observations"]:
-            if text.startswith("not ") and began_ns < batch["time"]:
-                held.setdefault(text, batch["time"])
+    held = said_live(service, began_ns)
     [said] = moment["literals"]
     assert held == {"not ok(scan)": moment["at_ns"]}
     assert said["literal"] == "not ok(scan)"
@@ -105,3 +106,146 @@ def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: P
     assert 1 <= len(whole) <= 6
     assert min(whole) > LARGE
     assert sum(topic == "/image" for topic, _ in messages) > 2 * len(whole)
+
+
+EVERY = """
+robomend: 1
+name: rover
+nodes: {camera: {publishes: {imu: [], scan: []}}, navigator: {}}
+properties: {goals: {}, dock: {}, log: {}, moves: {}, age: {}, hot: {}, device: {}, lifecycle: {}}
+rules:
+  - "not ab(camera) -> ok(log,camera) and ok(moves,imu) and ok(age,scan) and ok(lifecycle,camera)"
+  - "not ab(camera) -> ok(hot) and ok(device)"
+  - "not ab(navigator) -> ok(goals,dock)"
+"""
+
+Act = Callable[[], object]
+
+
+def plants_of(robot: AnyRobot) -> dict[str, tuple[dict[str, Any], Act, Act]]:
+    """Return the observers of a robot's evidence, by their atoms, with what makes it bad and good."""
+    navigator, camera, _ = (robot.node(name) for name in ("navigator", "camera", "mission"))
+    navigator.do("serve", name="dock", **(REPAIR if robot.origin == "ros1" else {}))
+    number = {"type": "std_msgs/Float64", "rate": 10}
+    stamped = {"type": STAMPED[robot.origin], "rate": 10, "stamped": True}
+    published: set[str] = set()
+
+    def says(topic: str, **line: Any) -> Act:
+        """Publish in place of what was published before."""
+
+        def publish() -> None:
+            if topic in published:
+                camera.do("unpublish", topic=topic)
+            published.add(topic)
+            camera.do("publish", topic=topic, **line)
+
+        return publish
+
+    def status(level: int) -> Act:
+        value = {"status": [{"name": "arm: motor", "level": level, "message": "no current"}]}
+        return says("/diagnostics", type="diagnostic_msgs/DiagnosticArray", rate=5, value=value)
+
+    def motor(temperature: float) -> Act:
+        return says("/motor", **number, value={"data": temperature})
+
+    plants: dict[str, tuple[dict[str, Any], Act, Act]] = {
+        "ok(log,camera)": (
+            {"kind": "rosout", "hold_s": 3},
+            lambda: camera.do("log", level="error", text="cannot open /dev/video0"),
+            lambda: None,
+        ),
+        "ok(goals,dock)": (goals(robot), lambda: act(robot, aborts=True), lambda: act(robot)),
+        "ok(moves,imu)": (
+            {"kind": "changing", "source": "imu:data", "still_s": 2},
+            says("/imu", **number, value={"data": 0.5}),
+            says("/imu", **number, moves="data"),
+        ),
+        "ok(age,scan)": (
+            {"kind": "age"},
+            says("/scan", **stamped, behind_s=3 * 3600),
+            says("/scan", **stamped),
+        ),
+        "ok(hot)": ({"kind": "property", "source": "motor:data", "high": 60}, motor(80.0), motor(40.0)),
+        "ok(device)": ({"kind": "diagnostic", "status": ["arm: *"]}, status(2), status(0)),
+    }
+    if robot.origin == "ros2":
+        camera.do("lifecycle", name="driver")
+        camera.do("move", name="driver", transition="configure")
+        plants["ok(lifecycle,camera)"] = (
+            {"kind": "lifecycle", "node": "driver", "start_s": 120},
+            lambda: camera.do("move", name="driver", transition="deactivate"),
+            lambda: camera.do("move", name="driver", transition="activate"),
+        )
+    return plants
+
+
+@pytest.mark.timeout(900)  # a moment of each kind, each once more where the computer was late
+@pytest.mark.parametrize("origin", ["ros1", "ros2"])
+def test_of_a_moment_of_each_kind_of_evidence_the_batch_says_what_the_robot_said(
+    origin: str, tmp_path: Path
+) -> None:
+    """What was bad, since when, and as it was measured."""
+    model, folder = tmp_path / "rover.yaml", tmp_path / "state" / "moments"
+    model.write_text(EVERY)
+    with any_robot(origin, tmp_path) as robot, service_double() as service:
+        plants = plants_of(robot)
+        sections: dict[str, Any] = {
+            robot.origin: robot.section,
+            "observers": {atom: {"from": origin, **keys} for atom, (keys, _, _) in plants.items()},
+            "moments": {"record": True, "before_s": 4, "after_s": 2, "per_hour": 3600},
+        }
+        file, log = config(tmp_path, service.url, {}, **sections), tmp_path / "agent.log"
+
+        def missing() -> list[str]:
+            return [atom for atom in plants if service.signs().get(atom) is not True]
+
+        def planted(atom: str) -> int:
+            """Make something bad, for as long as its moment lasts; return when it was still well."""
+            _, bad, good = plants[atom]
+            while True:
+                eventually(lambda: not missing(), f"{atom}: all is well but for {missing()}", 60)
+                eventually(lambda: not list(folder.glob("*")), "no moment is open, or waits", 60)
+                well_ns = time.time_ns() + 4 * SECOND
+                eventually(lambda: time.time_ns() > well_ns, "it is well for long")  # noqa: B023  # at once
+                before, began_ns = log.read_text().count("nobody looked"), time.time_ns()
+                bad()
+                eventually(lambda: service.holds().get(atom) is False, f"not {atom}", 60)
+                eventually(lambda: at_ns(service) > began_ns, "a moment", 60)  # noqa: B023  # at once
+                eventually(lambda: not list(folder.glob("*")), "the service has all of it", 60)
+                good()
+                if log.read_text().count("nobody looked") == before:
+                    return began_ns  # else the computer was late, and the agent began to observe anew
+
+        with agent(file):
+            eventually(lambda: service.polls, "the agent", 60)
+            for _, _, good in plants.values():
+                good()
+            for number, atom in enumerate(plants):
+                began_ns = planted(atom)
+                moment = newest(service)
+                assert moment is not None
+                recording, out = tmp_path / f"{number}.mcap", tmp_path / f"out{number}"
+                recording.write_bytes(service.recordings[moment["key"]])
+                assert batch_run(out, recording, "--observers", file, model=model) == 0
+                [record] = logs(out)
+                found = {
+                    one["literal"]: (one["time_ns"], one["reading"])
+                    for one in record["readings"]
+                    if one["time_ns"] > began_ns
+                }
+                held = said_live(service, began_ns)
+                assert list(held) == [f"not {atom}"]
+                assert {text: at for text, (at, _) in found.items()} == held
+                assert [(one["literal"], one["reading"]) for one in moment["literals"]] == [
+                    (text, reading) for text, (_, reading) in found.items()
+                ]
+
+
+def said_live(service: ServiceDouble, began_ns: int) -> dict[str, int]:
+    """Return what was said to be bad since then, and for when."""
+    held: dict[str, int] = {}
+    for batch in service.batches():
+        for text in batch["observations"]:
+            if text.startswith("not ") and began_ns < batch["time"]:
+                held.setdefault(text, batch["time"])
+    return held

@@ -8,7 +8,7 @@ from glob import escape
 
 from robomend.model.from_graph import word
 from robomend_batch.learn.delays import LEAST_WITHIN_S, DelayFound
-from robomend_batch.learn.gathering import TICK_NS
+from robomend_batch.learn.gathering import DIAGNOSTICS, TICK_NS
 from robomend_batch.learn.matches import MatchFound
 from robomend_batch.learn.ranges import AGREEING, RangeFound, StatusFound
 from robomend_batch.learn.rates import RateFound
@@ -137,10 +137,16 @@ def match_entry(entries: Entries, found: MatchFound, name: str) -> None:
 
 
 def status_entry(
-    entries: Entries, found: StatusFound, name: str, limits: Mapping[str, tuple[str, int, RangeFound]]
+    entries: Entries,
+    found: StatusFound,
+    name: str,
+    limits: Mapping[str, tuple[str, int, RangeFound]],
+    topic: str,
 ) -> None:
-    """Add the observer of a status; `limits`: atom -> rule's key, 1 for an upper limit, range."""
+    """Add the observer of a status of a topic; `limits`: atom -> rule's key, 1 for an upper limit, range."""
     entry = {"kind": "diagnostic", "status": f"[{_quoted(escape(found.name))}]", "bad_from": found.bad_from}
+    if topic != DIAGNOSTICS:
+        entry["source"] = word(topic)
     rules = []
     for atom, (key, sign, one) in limits.items():
         edge = one.high if sign > 0 else one.low

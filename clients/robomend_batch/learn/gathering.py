@@ -24,7 +24,7 @@ from robomend_batch.logs.compressed import plain_log
 from robomend_batch.logs.fields import compile_field, plain
 from robomend_batch.logs.kinds import RECORDINGS, kind_of
 from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
-from robomend_batch.logs.wanted import WHOLE, store_of
+from robomend_batch.logs.wanted import STATUSES, WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
@@ -107,7 +107,7 @@ class Means:
 
 @dataclass
 class Status:
-    """A status of /diagnostics."""
+    """A status of a topic of diagnostics."""
 
     publishers: set[str] = field(default_factory=set)
     levels: Series = field(default_factory=Series)
@@ -145,7 +145,7 @@ class Gathered:
     """All that is learned from."""
 
     topics: dict[str, Topic] = field(default_factory=dict)
-    statuses: dict[str, Status] = field(default_factory=dict)
+    statuses: dict[tuple[str, str], Status] = field(default_factory=dict)  # by topic and name
     nodes: set[str] = field(default_factory=set)  # that DISCOVERY names, with their slashes
     names: list[str] = field(default_factory=list)  # of the logs
     spans_ns: list[tuple[int, int]] = field(default_factory=list)
@@ -217,7 +217,7 @@ def heard_of(found: Gathered) -> Heard:
                 )
             ).heard(),
         )
-        for name, status in found.statuses.items()
+        for (_, name), status in found.statuses.items()
     }
     names = ", ".join(Path(name).name for name in found.names[:3])
     origin = "ros1" if any(".bag" in Path(name).suffixes for name in found.names) else "ros2"
@@ -266,6 +266,7 @@ class _Reader:
         self._discovery: dict[int, Callable[[bytes], Any]] = {}
         self._fields: dict[int, list[Means]] = {}
         self._publisher = {channel.number: channel.publisher for channel in recording.channels}
+        self._topic = {channel.number: channel.topic for channel in recording.channels}
 
     def read(self) -> None:
         recording, found = self._recording, self._found
@@ -317,7 +318,9 @@ class _Reader:
                 nodes = "node_entities_info_seq"
                 self._discovery[channel.number] = lambda data: plain(getattr(unpack(data, name), nodes))
                 return
-            if channel.topic == DIAGNOSTICS:
+            if channel.type_name == STATUSES:
+                if self._is_aggregated(channel.topic):
+                    return
                 self._diagnostics[channel.number] = lambda data: plain(getattr(unpack(data, name), STATUS))
                 return
             wanted = []
@@ -332,6 +335,13 @@ class _Reader:
             return
         if wanted:
             self._fields[channel.number] = wanted
+
+    def _is_aggregated(self, topic: str) -> bool:
+        """Whether a topic says once more what another one says."""
+        plain = topic.removesuffix("_agg")
+        return plain != topic and any(
+            other.topic == plain and other.type_name == STATUSES for other in self._recording.channels
+        )
 
     def _take(self, number: int, time_ns: int, data: bytes) -> None:
         try:
@@ -353,10 +363,10 @@ class _Reader:
 
     def _status(self, number: int, time_ns: int, status: Mapping[str, Any]) -> None:
         statuses = self._found.statuses
-        name = str(status["name"]).removeprefix("/")
-        if name not in statuses and len(statuses) >= MOST_STATUSES:
+        key = self._topic[number], str(status["name"]).removeprefix("/")
+        if key not in statuses and len(statuses) >= MOST_STATUSES:
             return
-        mine = statuses.setdefault(name, Status())
+        mine = statuses.setdefault(key, Status())
         level = status["level"]
         mine.levels.add(self._log, time_ns, float(level[0] if isinstance(level, bytes) else level))
         publisher = self._publisher.get(number)

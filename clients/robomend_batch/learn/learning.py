@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 
 from robomend.errors import InputError
-from robomend.model.from_graph import slug
+from robomend.model.from_graph import is_plumbing, is_tool, slug
 from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
-from robomend_batch.learn.gathering import DIAGNOSTICS, UNNAMED, Gathered, Series, gather
+from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, gather
 from robomend_batch.learn.matches import learn_matches
 from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
@@ -140,7 +140,11 @@ class _Parts:
         self._node_of = node_of
         self._per_hour = per_hour
         learned = found.learned
-        topics = [name for name in sorted(found.topics) if name in node_of and name != DIAGNOSTICS]
+        topics = [
+            name
+            for name in sorted(found.topics)
+            if name in node_of and not is_plumbing(f"/{name}") and not is_tool(node_of[name])
+        ]
         pieces = {name: found.topics[name].pieces(learned) for name in topics}
         series: dict[str, Series] = {}
         for name in topics:
@@ -163,8 +167,8 @@ class _Parts:
             for source in telemetry
         }
         self.statuses = {
-            name: learn_status(name, status, learned, learned_h, share)
-            for name, status in sorted(found.statuses.items())
+            (topic, name): learn_status(name, status, learned, learned_h, share)
+            for (topic, name), status in sorted(found.statuses.items())
         }
 
     @property
@@ -216,9 +220,9 @@ class _Parts:
                 entries.left_out.append((source, value))
             elif source.split(":", 1)[0] in known and isinstance(rate, RateFound):
                 self._range(entries, declared, taken, value, rate.rate_hz)
-        for name, status in self.statuses.items():
+        for (topic, name), status in self.statuses.items():
             if isinstance(status, StatusFound):
-                self._status(entries, declared, taken, status)
+                self._status(entries, declared, taken, status, topic)
             else:
                 entries.left_out.append((f"diagnostics of {name}", status))
 
@@ -247,10 +251,18 @@ class _Parts:
         draft.value_entry(entries, value, name, rate_hz)
 
     def _status(
-        self, entries: draft.Entries, declared: model.Declared, taken: set[str], status: StatusFound
+        self,
+        entries: draft.Entries,
+        declared: model.Declared,
+        taken: set[str],
+        status: StatusFound,
+        topic: str,
     ) -> None:
-        blamed = _to_blame(status, {*self._node_of.values(), *self._found.nodes})
-        name = slug(status.name, taken)
+        blamed = _to_blame(status, {*self._node_of.values(), *self._found.nodes}, topic)
+        if is_tool(blamed):
+            entries.left_out.append((f"diagnostics of {status.name}", "it speaks of a tool"))
+            return
+        name = slug(f"{topic.rpartition('/')[0]} {status.name}".strip(), taken)
         taken.add(name)
         declared.properties[name] = blamed
         limits = {}
@@ -263,22 +275,25 @@ class _Parts:
                     taken.add(atom)
                     declared.properties[atom] = blamed
                     limits[atom] = (one.key, sign, one)
-        draft.status_entry(entries, status, name, limits)
+        draft.status_entry(entries, status, name, limits, topic)
 
 
-def _to_blame(status: StatusFound, nodes: Collection[str]) -> str:
+def _to_blame(status: StatusFound, nodes: Collection[str], topic: str) -> str:
     """Return the node that a status speaks of: what its name begins with, as diagnostic_updater has it, in
-    the namespace of its publisher if several are called so; else its publisher.
+    the namespace of its topic or publisher if several are called so; else its publisher.
     """
+    space = f"/{topic}".rpartition("/")[0]
     named = status.name.split(":")[0].strip().strip("/")
     alike = [node for node in nodes if node.strip("/") == named]
     alike = alike or [node for node in nodes if node.rpartition("/")[2] == named]
+    if space:
+        alike = [node for node in alike if node.startswith(f"{space}/")] or alike
     only = status.publishers[0] if len(status.publishers) == 1 else None
     if len(alike) > 1 and only is not None:
         alike = [node for node in alike if node.rpartition("/")[0] == only.rpartition("/")[0]]
     if len(alike) == 1:
         return alike[0]
-    return only or "/" + slug(named)
+    return only or f"{space}/{slug(named)}"
 
 
 def _first_s(found: Gathered, topic: str) -> float:

@@ -24,7 +24,7 @@ def test_a_status_is_observed_by_its_name_and_no_other(name: str, tmp_path: Path
     edge = Bound(60.0, 40.0, 50.0, 50.0, 100)
     found = RangeFound("CPU 1: temp", None, edge, 30.0, 50.0)
     status = StatusFound(name, (), "warn", {0: 100}, 1.0, 5.0, (found,), ())
-    status_entry(entries, status, "camera", {"camera_temp_max": (found.key, 1, found)})
+    status_entry(entries, status, "camera", {"camera_temp_max": (found.key, 1, found)}, "diagnostics")
     file = tmp_path / "observers.yaml"
     file.write_text(observers_text(entries, ["of\na robot"], {}), encoding="utf-8")
     (spec,) = load_observers(file).specs

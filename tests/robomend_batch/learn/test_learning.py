@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
-from tests.robomend_batch.recordings import EPOCH_NS, steady, write
+from rosbags.rosbag1 import Writer as BagWriter
+from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS1, message, steady, write
 from tests.robomend_batch.running import batch_run, intervals, ndjson
 from tests.ros2 import robot as ros2_robot
 
@@ -349,6 +350,49 @@ def test_diagnostics_without_a_publisher_blame_the_node_that_they_name(tmp_path:
     observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
     assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
     assert [["hokuyo"]] in [one["bad"] for one in intervals(tmp_path / "out")]
+
+
+def test_a_status_is_put_to_the_node_of_its_namespace_and_tools_are_no_part_of_the_robot(
+    tmp_path: Path,
+) -> None:
+    """Two robots in one recording, on which our own agent and a recorder were."""
+
+    def written(file: Path, hot: str = "") -> Path:
+        with BagWriter(file) as bag:
+            of = {
+                (topic, node): bag.add_connection(topic, kind, typestore=ROS1, callerid=node)
+                for robot in ("one", "two")
+                for topic, kind, node in (
+                    (f"/{robot}/odom", KINDS["odom"], f"/{robot}/base"),
+                    (f"/{robot}/diagnostics", KINDS["diagnostics"], f"/{robot}/watcher"),
+                )
+            }
+            own = {"/diagnostics": "/robomend", "/events/write_split": "/rosbag2_recorder"}
+            for topic, node in own.items():
+                of[topic, node] = bag.add_connection(
+                    topic, KINDS["diagnostics"], typestore=ROS1, callerid=node
+                )
+            for number in range(1200):
+                at_ns = EPOCH_NS + number * SECOND // 10
+                for (topic, node), connection in of.items():
+                    plain = "odom" if topic.endswith("odom") else "diagnostics"
+                    hot_now = 90.0 if topic == hot and number > 600 else 40.0 + number % 7
+                    made = message(ROS1, plain, 0.0 if plain == "odom" else hot_now, at_ns, "x")
+                    for status in getattr(made, "status", ()):
+                        status.name = "agent: state" if node == "/robomend" else "base: motor"
+                    bag.write(connection, at_ns, ROS1.serialize_ros1(made, KINDS[plain]))
+        return file
+
+    assert learn(written(tmp_path / "good.bag"), "-o", tmp_path, "--quiet") == 0
+    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
+    components = load_model(model).cnf.components
+    assert sorted(components) == ["one/base", "one/watcher", "two/base", "two/watcher"]
+    assert "events" not in model.read_text()
+    log = written(tmp_path / "hot.bag", "/two/diagnostics")
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    assert {str(one["bad"]) for one in intervals(tmp_path / "out") if one["state"] == "faulty"} == {
+        "[['two/base']]"
+    }
 
 
 def test_what_cannot_be_learned_from_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
