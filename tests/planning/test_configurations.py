@@ -244,8 +244,8 @@ def brute_force(
     return min(filter(together, whole), key=lambda chosen: [rank[name][chosen[name]] for name in names])
 
 
-def test_the_chosen_configuration_is_optimal_on_small_models(long: bool) -> None:
-    for system, chance in robots(500 if long else 100):
+def test_the_chosen_configuration_is_optimal_on_small_models() -> None:
+    for system, chance in robots(500):
         model = system.parts
         assert model is not None
         bad = {name for name in model.components if chance.random() < 0.25}

@@ -72,6 +72,17 @@ def test_outcomes_change_what_is_given_and_the_order_with_it() -> None:
     assert texts(planned(learned, text)) == ["redeploy(camera)"]
 
 
+def test_what_came_of_it_in_the_fleet_is_what_one_begins_with() -> None:
+    text = CAMERA.replace("{soft: 0.9, hard: 0.05}", "0.6").replace("{soft: 0.9, hard: 0.95}", "0.4")
+    elsewhere = [Tried("camera", frozenset({"restart"}), helped < 7, fleet=True) for helped in range(20)]
+    own = [Tried("camera", frozenset({"restart"}), helped < 2) for helped in range(3)]
+    rate = rates(model(text), {}, [*elsewhere, *own])["restart", "camera"]
+    assert str(rate) == "restart of camera 51% (60% given, 7 of 20 helped in the fleet, 2 of 3 helped)"
+    assert rate.mean == pytest.approx((4 * (4 * 0.6 + 7) / 24 + 2) / 7)
+    vain = [Tried("camera", frozenset({"restart"}), False, fleet=True)] * 8
+    assert texts(planned(rates(model(text), {}, vain), text)) == ["redeploy(camera)"]
+
+
 def test_where_nothing_is_given_a_few_outcomes_or_good_ones_change_nothing() -> None:
     plain = CAMERA.replace(
         "    helps: {restart: {soft: 0.9, hard: 0.05}, redeploy: {soft: 0.9, hard: 0.95}}\n", ""

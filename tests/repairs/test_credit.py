@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,22 @@ async def test_what_was_back_before_the_act_was_sent_is_credited_to_nobody(
     assert done["by_itself"].endswith(" was back before anything was done that influences it")
     assert any("credited to nobody" in line for line in account(repair))
     assert memory.tried == ()
+
+
+async def test_what_came_of_an_act_on_another_robot_of_the_model_is_known_here(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime) as robot:
+            await robot.settled()
+            robot.running["mapping"] = False
+            assert (await the_repair(runtime))["state"] == "repaired"
+        await runtime.robots.put_robot("r2", {"model": "small"}, expected=None, by="test")
+        here = await known(runtime)
+        there = await runtime.store.read(lambda view: remembered(view, "r2", DEFAULT_PATIENCE))
+    assert [(one.component, set(one.acts), one.helped, one.fleet) for one in here.outcomes] == [
+        ("mapping", {"restart"}, True, False)
+    ]
+    assert there.outcomes == tuple(replace(one, fleet=True) for one in here.outcomes)
+    assert there.tried == ()
 
 
 async def test_what_fails_again_within_its_observers_time_was_never_repaired(tmp_path: Path) -> None:

@@ -18,7 +18,9 @@ from robomend.store import (
     api_keys,
     attempts,
     journal,
+    models,
     repairs,
+    robots,
 )
 from robomend.store.records import (
     AgentAction,
@@ -116,6 +118,29 @@ def remember(attempt: StoredAttempt, fence: Fence, tx: Transaction) -> None:
 
 def count(component: str, fence: Fence, tx: Transaction) -> None:
     attempts.count(tx, "r1", component, "r-1", fence=fence)
+
+
+async def test_what_was_tried_on_other_robots_of_the_model_is_read_a_few_of_each_and_no_drills(
+    store: Store,
+) -> None:
+    fences = {robot: await own(store, robot) for robot in ("r1", "r2", "r3")}
+
+    def attempt(robot: str, number: int, **data: object) -> StoredAttempt:
+        return StoredAttempt(robot, ("jaguar",), (), False, True, None, number, data)
+
+    await store.write(lambda tx: models.put(tx, "other", "x: 1", format="five", by="t", expected=None))
+    await store.write(lambda tx: robots.put(tx, "r4", {"model": "other"}, expected=None))
+    fence = await store.ownership.acquire("r4")
+    assert fence is not None
+    await store.write(partial(remember, attempt("r4", 0), fence))
+    for number in range(attempts.EACH + 3):
+        await store.write(partial(remember, attempt("r2", number), fences["r2"]))
+    await store.write(partial(remember, attempt("r1", 1), fences["r1"]))
+    await store.write(partial(remember, attempt("r3", 1, drill="d-1"), fences["r3"]))
+    await store.write(partial(remember, attempt("r3", 2), fences["r3"]))
+    found = await store.read(lambda view: attempts.of_fleet(view, "r1"))
+    newest = [attempt("r2", number) for number in range(attempts.EACH + 2, 2, -1)]
+    assert found == (attempt("r3", 2), *newest)
 
 
 async def test_many_drills_do_not_crowd_out_what_was_tried_of_real_faults(store: Store) -> None:

@@ -54,7 +54,10 @@ RELIABLE = 0.995
 
 @dataclass(frozen=True, slots=True)
 class SuccessRate:
-    """How probably an act cures a component that is what is wrong: Beta, its mean."""
+    """How probably an act cures a component that is what is wrong: Beta, its mean.
+
+    What came of it on other robots of the model is what one begins with on this one.
+    """
 
     act: str
     component: str
@@ -62,14 +65,18 @@ class SuccessRate:
     given: bool  # in the model, for this component
     helped: int = 0
     of: int = 0
+    fleet_helped: int = 0
+    fleet_of: int = 0
 
     @property
     def mean(self) -> float:
         """The probability, by what is given and what came of it."""
-        return (PRIOR_WEIGHT * self.prior + self.helped) / (PRIOR_WEIGHT + self.of)
+        begun = (PRIOR_WEIGHT * self.prior + self.fleet_helped) / (PRIOR_WEIGHT + self.fleet_of)
+        return (PRIOR_WEIGHT * begun + self.helped) / (PRIOR_WEIGHT + self.of)
 
     def __str__(self) -> str:
         said = [f"{self.prior:.0%} {'given' if self.given else 'usual'}"]
+        said += [f"{self.fleet_helped} of {self.fleet_of} helped in the fleet"] if self.fleet_of else []
         said += [f"{self.helped} of {self.of} helped"] if self.of else []
         return f"{self.act} of {self.component} {self.mean:.0%} ({', '.join(said)})"
 
@@ -88,6 +95,7 @@ class Tried:
     acts: frozenset[str]  # restart, power_cycle, or an act's name
     helped: bool
     mode: str = ""
+    fleet: bool = False  # on another robot of the model
 
 
 def rates(
@@ -108,22 +116,22 @@ def rates(
             if prior is None:  # which mode it is is not known: each counts alike
                 prior = sum(by_mode.values()) / len(by_mode)
             found[act, name] = SuccessRate(act, name, prior, given=True)
-    counts: dict[tuple[str, str], list[int]] = {}
+    counts: dict[tuple[str, str], list[int]] = {}  # helped and all of them, here and in the fleet
     for one in outcomes:
         known_as = model.parts.get(one.component)
         mode = one.mode if known_as is None else _told_apart(known_as, one.mode)
         if len(one.acts) == 1 and mode == modes.get(one.component, ""):
             for act in one.acts:
-                tally = counts.setdefault((act, one.component), [0, 0])
-                tally[0] += one.helped
-                tally[1] += 1
-    for key, (helped, of) in counts.items():
+                tally = counts.setdefault((act, one.component), [0, 0, 0, 0])
+                tally[2 * one.fleet] += one.helped
+                tally[2 * one.fleet + 1] += 1
+    for key, (helped, of, fleet_helped, fleet_of) in counts.items():
         known = found.get(key)
         if known is not None:
-            found[key] = SuccessRate(known.act, known.component, known.prior, True, helped, of)
-        elif of >= LEAST_OUTCOMES and helped < of and key[1] in model.parts:
+            found[key] = SuccessRate(*key, known.prior, True, helped, of, fleet_helped, fleet_of)
+        elif LEAST_OUTCOMES <= of + fleet_of > helped + fleet_helped and key[1] in model.parts:
             prior = CURES[Cure.POWER_CYCLE if key[0] == CYCLE else Cure.OTHER]
-            found[key] = SuccessRate(*key, prior, given=False, helped=helped, of=of)
+            found[key] = SuccessRate(*key, prior, False, helped, of, fleet_helped, fleet_of)
     return found
 
 

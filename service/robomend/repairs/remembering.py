@@ -35,7 +35,9 @@ class Remembered:
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
-    outcomes: tuple[Tried, ...] = ()  # of acts on one component alone, in earlier repairs
+    outcomes: tuple[
+        Tried, ...
+    ] = ()  # of acts on one component alone, in earlier repairs, the fleet's as well
     reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
 
 
@@ -71,19 +73,21 @@ def remembered(
         surely_broken(records, repair),
         again,
         frozenset(aside),
-        outcomes(records, repair),
+        (*outcomes(records, repair), *outcomes(attempts.of_fleet(view, robot), None, fleet=True)),
         reconnecting(records),
     )
 
 
-def outcomes(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -> tuple[Tried, ...]:
+def outcomes(
+    tried: Iterable[StoredAttempt], repair: StoredRepair | None, *, fleet: bool = False
+) -> tuple[Tried, ...]:
     """Return what came of acts that were carried out on one component alone, in repairs that have ended.
 
     What came back by itself says nothing of them.
     """
     now = repair.id if repair is not None and repair.open else None
     return tuple(
-        Tried(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "")
+        Tried(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "", fleet)
         for one in tried
         if len(one.bad) == 1
         and one.repair != now

@@ -5,6 +5,7 @@ Writes of the repair loop carry a fence, see repairs.py.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 from sqlalchemy import func, select
@@ -17,6 +18,7 @@ from robomend.store.rows import AnyRow, View
 from robomend.store.transaction import Transaction
 
 _TRIED, _ATTEMPTS, _QUARANTINE = schema.tried, schema.attempts, schema.quarantine
+_ROBOTS = schema.robots
 
 
 MOST_LOOKED_AT = 2_000
@@ -35,6 +37,27 @@ def tried(view: View, robot: str, *, limit: int = 100, drill: str | None = None)
         found = [one for one in read if one.data.get("drill") in {None, drill}][:limit]
         if len(found) == limit or len(read) < most:
             break
+    return tuple(found)
+
+
+FLEET, EACH = 500, 5
+"""Attempts of other robots that are looked at, and of those that blamed the same on one robot: a device that
+is broken must not count again and again for all others.
+"""
+
+
+def of_fleet(view: View, robot: str) -> tuple[StoredAttempt, ...]:
+    """Return what the latest attempts on other robots of the model came to, newest first, drills aside."""
+    model = select(_ROBOTS.c.model).where(_ROBOTS.c.id == checked(robot)).scalar_subquery()
+    others = select(_ROBOTS.c.id).where(_ROBOTS.c.model == model, _ROBOTS.c.id != checked(robot))
+    newest = select(_TRIED).order_by(_TRIED.c.number.desc()).limit(MOST_LOOKED_AT).subquery()
+    query = select(newest).where(newest.c.robot.in_(others)).order_by(newest.c.number.desc()).limit(FLEET)
+    seen: Counter[tuple[str, tuple[str, ...]]] = Counter()
+    found: list[StoredAttempt] = []
+    for one in map(_attempt, view.rows(query)):
+        seen[one.robot, one.bad] += 1
+        if one.data.get("drill") is None and seen[one.robot, one.bad] <= EACH:
+            found.append(one)
     return tuple(found)
 
 
