@@ -100,9 +100,10 @@ def test_a_client_in_typescript_is_generated_and_compiles(service: Service, type
     (typescript / "openapi.json").write_text(service.http.get("/openapi.json").text)
     (typescript / "calls.ts").write_text(CALLS)
     tools = typescript / "node_modules" / ".bin"
+    checked = ("--target", "es2022", "--module", "nodenext", "api.d.ts", "calls.ts")
     for line in (
         ["openapi-typescript", "openapi.json", "-o", "api.d.ts"],
-        ["tsc", "--strict", "--noEmit", "--skipDefaultLibCheck", "--target", "es2022", "--module", "nodenext", "api.d.ts", "calls.ts"],
+        ["tsc", "--strict", "--noEmit", "--skipDefaultLibCheck", *checked],
     ):
         asked = [str(tools / line[0]), *line[1:]]
         done = subprocess.run(asked, cwd=typescript, capture_output=True, text=True, timeout=240)
