@@ -155,7 +155,7 @@ def handed_in(client: Client) -> str:
         return str(client.upload_batch([(log.name, read)], model="my_robot")["id"])
 
 
-WAITING = 12
+WAITING = 6
 """Batches that wait for one another, so that the last one is open for as long as a block takes."""
 
 

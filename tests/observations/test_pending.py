@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robomend.entry import Entry
 from robomend.observations.pending import (
+    GUARD_NS,
     SLACK_NS,
     LastHeard,
     first_fallen,
@@ -11,7 +12,6 @@ from robomend.observations.pending import (
     returning,
     starting,
 )
-from robomend.observations.unconfirmed import GUARD_NS
 from robomend_client.literals import Atom, Literal
 
 S = 10**9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robomend.entry import Entry
-from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
+from robomend.observations.pending import GUARD_NS, Act, Confirmed, Unconfirmed
 from robomend_client.literals import Atom, Literal
 
 SCAN, MAP = Atom("ok", ("scan",)), Atom("ok", ("map",))

@@ -16,7 +16,7 @@ from robomend.repairs.conclusions import nobody_blamed
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.batches import Update
 from robomend.robots.clock import CLOCK
-from robomend.robots.current import Current
+from robomend.robots.diagnoser import Current
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.store.records import StoredModel, StoredObs, StoredRobot

@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from tests.examples import examples
 
 from robomend.model.loading import load_text
-from robomend.robots.current import Current
+from robomend.robots.diagnoser import Current
 from robomend.robots.robot import HELD, SEARCH, Held, Robot, Search, SearchTrigger, Writing
 from robomend.store.records import StoredModel, StoredObs, StoredRobot
 from robomend.transitions import NoTransition

@@ -23,7 +23,7 @@ from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.components import ComponentModel
-from robomend.observations.unconfirmed import GUARD_NS
+from robomend.observations.pending import GUARD_NS
 from robomend.planning.influence import influenced, needed
 from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.repairs.conclusions import Silent, named

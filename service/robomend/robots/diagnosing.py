@@ -23,8 +23,7 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import NotFound, RobomendError
 from robomend.metrics import Metrics
 from robomend.robots.clock import CLOCK
-from robomend.robots.current import Current
-from robomend.robots.diagnoser import Diagnoser, how
+from robomend.robots.diagnoser import Current, Diagnoser, how
 from robomend.robots.robot import Robot
 from robomend.settings import Settings
 from robomend.store import Store, Transaction

@@ -15,7 +15,7 @@ import structlog
 
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
-from robomend.observations.unconfirmed import GUARD_NS
+from robomend.observations.pending import GUARD_NS
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend_client.literals import Literal
 

@@ -31,7 +31,7 @@ from robomend.planning.configurations import Decision, FunctionState, Keeper, Kn
 from robomend.robots.batches import Update, Words
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.current import Current
+from robomend.robots.diagnoser import Current
 from robomend.robots.sight import Sight
 from robomend.store import records
 from robomend.store.records import Json

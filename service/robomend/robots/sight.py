@@ -1,5 +1,5 @@
 """OBS as a repair looks at it: only what is fresh, and rests on nothing from before an act that may have
-changed it (robomend.observations.unconfirmed).
+changed it (robomend.observations.pending).
 
 Also what that takes: the clocks of those who report, and how fast the robot's agents say that they observe.
 """
@@ -19,8 +19,15 @@ from robomend.model.components import Hardware
 from robomend.model.vocabulary import ACTIVE, Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import MAX_ATOMS, consequences
-from robomend.observations.pending import LastHeard, first_fallen, newest_onset
-from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
+from robomend.observations.pending import (
+    GUARD_NS,
+    Act,
+    Confirmed,
+    LastHeard,
+    Unconfirmed,
+    first_fallen,
+    newest_onset,
+)
 from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
