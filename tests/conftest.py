@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -34,6 +35,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background, as a script does
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # or whatever tests start ignores Ctrl-C
     if hasattr(config, "workerinput"):
         shared(config.workerinput["template"])
     if config.getoption("--long"):

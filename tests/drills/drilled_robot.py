@@ -120,8 +120,9 @@ class DrilledRobot:
         agent = agent_config(model, "r1", self.url, nodes, self.folder / "agent", start_nodes=True)
         bus = f"tcp:127.0.0.1:{free_port() if self.keep else 0}"  # kept nodes look for it where it was
         agent |= {"bus": {"listen": bus}, "when_agent_ends": "keep" if self.keep else "stop"}
-        # That this computer is busy is no fault of the robot: only silence is.
+        # That this computer is busy is no fault of the robot, nor of its agent: only silence is.
         agent["rate"] |= {"silence_s": 1.5}
+        agent["report"] |= {"lifetime_s": 10.0}
         agent["topics"] = {name: one for name, one in agent["topics"].items() if name not in self.unwatched}
         for topic in agent["topics"].values():
             topic |= {"rate_hz": RATE_HZ, "tolerance_hz": RATE_HZ - 1.0}
@@ -259,6 +260,25 @@ class DrilledRobot:
 
     def in_state(self, drill: str, *states: str) -> dict[str, Any]:
         return self.drill(drill, lambda one: one["state"] in states)
+
+    def cancelled(self, drill: str) -> dict[str, Any]:
+        """Cancel a drill, and return it when it has ended."""
+        with self.client as client:
+            client.decide_drill(drill, "cancel")
+        ended = self.ended(drill)
+        assert ended["state"] == "cancelled", ended
+        return ended
+
+    def blamed(self) -> list[list[str]]:
+        """Return what each diagnosis of now blames."""
+        with self.client as client:
+            result = client.diagnosis("r1")["result"]
+        return [one["bad"] for one in result["diagnoses"]] if result else []
+
+    def held(self) -> set[str]:
+        """Return the literals that the service holds."""
+        with self.client as client:
+            return {one["literal"] for one in client.observations("r1")["observations"]}
 
     def board_faults(self) -> list[dict[str, Any]]:
         """Return the faults of the emulated board."""

@@ -66,12 +66,12 @@ def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_aft
 ) -> None:
     robot.configure(policy="approve")  # nothing that a repair does would help
     try:
-        drill = robot.start_drill(fault, "lidar_node", bound_s=3.0, topic="scan")
-        ended = robot.ended(drill["id"])
-        assert (ended["state"], ended["undone"], ended["topic"]) == ("done", True, "scan"), ended
-        assert ["lidar_node"] in ended["seen"]["diagnoses"]
-        assert "not ok(scan)" in ended["seen"]["showed"]
-        assert "not running(lidar_node)" not in ended["seen"]["showed"]
+        drill = robot.start_drill(fault, "lidar_node", bound_s=300.0, detect_s=200.0, topic="scan")
+        until(lambda: ["lidar_node"] in robot.blamed(), "its publisher is blamed")
+        assert "not ok(scan)" in robot.held()
+        assert "not running(lidar_node)" not in robot.held()
+        ended = robot.cancelled(drill["id"])
+        assert (ended["undone"], ended["topic"]) == (True, "scan"), ended
     finally:
         robot.configure(policy="auto")
     robot.until_healthy()
@@ -84,14 +84,19 @@ def test_the_faults_of_an_emulated_board_take_power_and_give_it_back(
     if fault != "channel-open" and not long:
         pytest.skip("ten seconds each, most of it the restart of a driver: the long version has them all")
     component = None if fault == "board-brown-out" else "lidar"
-    drill = robot.start_drill(fault, component, bound_s=3.0)
-    robot.in_state(drill["id"], "planted")
-    assert [one["fault"] for one in robot.board_faults()] == [fault.partition("-")[2]]
-    ended = robot.ended(drill["id"])
-    assert (ended["state"], ended["undone"], robot.board_faults()) == ("done", True, []), ended
-    relay = "not on(lidar)" in ended["seen"]["showed"]
-    assert relay is (fault in {"channel-stuck", "channel-short"})
-    assert ended["seen"]["detected_s"] is not None
+    robot.configure(policy="approve")  # it is planted until it was seen
+    try:
+        drill = robot.start_drill(fault, component, bound_s=300.0, detect_s=200.0)
+        robot.in_state(drill["id"], "planted")
+        assert [one["fault"] for one in robot.board_faults()] == [fault.partition("-")[2]]
+        relay = fault in {"channel-stuck", "channel-short"}
+        until(lambda: any(robot.blamed()) and (not relay or "not on(lidar)" in robot.held()), "it is seen")
+        assert ("not on(lidar)" in robot.held()) is relay
+        ended = robot.cancelled(drill["id"])
+        assert (ended["undone"], robot.board_faults()) == (True, []), ended
+    finally:
+        robot.configure(policy="auto")
+    robot.until_healthy()
 
 
 @pytest.mark.parametrize("fault", ["board-mute", "board-refuse"])
