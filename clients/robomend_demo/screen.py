@@ -123,7 +123,7 @@ def tell(event: Event) -> str | None:
             shown = " or ".join(braces(bad) for bad in found[:2])
             return f"diagnosis: {shown}" + (f" or {len(found) - 2} more" if len(found) > 2 else "")
         case Kind.REPAIR if data["state"] == "planning" and data["plan"]:
-            return "plan: " + ", ".join(action_titles(_parted(step["text"]) for step in data["plan"]))
+            return "plan: " + ", ".join(action_titles(data["plan"]))
         case Kind.REPAIR if data["state"] in FINAL:
             return f"repair {data['state']}: {data['reason']}"
         case Kind.ACTION if "repair" in data and data["state"] in {"done", "already-there", "failed"}:

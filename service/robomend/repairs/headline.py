@@ -411,7 +411,7 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
         case HealthState.PARTLY_UNKNOWN:
             if repair is not None and repair["state"] == RepairState.UNCONFIRMED:
                 return (f"A person is needed to look: {short(repair['reason'])}.",), True, None
-            return ("It is told as soon as it is reported.",), False, None
+            return ("It is shown as soon as it is reported.",), False, None
     if of.policy == "observe":
         return ("A person is needed: its policy is to observe only.",), True, None
     if repair is not None and repair["state"] != RepairState.REPAIRED:
@@ -474,7 +474,7 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
 
 
 def _titles(steps: Sequence[Json]) -> str:
-    titles = action_titles((step["name"], step["parameters"]) for step in steps)
+    titles = action_titles(steps)
     return _listed([titles[0], *(one[0].lower() + one[1:] for one in titles[1:])]) if titles else ""
 
 
