@@ -462,6 +462,7 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
         return ("A repair is being planned.",), False, None
     if state == RepairState.RUNNING:
         running = [step for step in plan if step["state"] == StepState.RUNNING]
+        running = running or [step for step in plan if step["state"] == StepState.WAITING][:1]
         done = sum(step["state"] in {StepState.DONE, StepState.ALREADY} for step in plan)
         at = f" (step {min(done + 1, len(plan))} of {len(plan)})" if len(plan) > 1 else ""
         return (f"Under way: {_titles(running) or 'its repair'}{at}.",), False, None
