@@ -123,7 +123,9 @@ def tell(event: Event) -> str | None:
             shown = " or ".join(braces(bad) for bad in found[:2])
             return f"diagnosis: {shown}" + (f" or {len(found) - 2} more" if len(found) > 2 else "")
         case Kind.REPAIR if data["state"] == "planning" and data["plan"]:
-            return "plan: " + ", ".join(action_titles(_parted(step["text"]) for step in data["plan"]))
+            parted = ((step, *_parted(step["text"])) for step in data["plan"])
+            steps = [{**step, "name": name, "parameters": given} for step, name, given in parted]
+            return "plan: " + ", ".join(action_titles(steps))
         case Kind.REPAIR if data["state"] in FINAL:
             return f"repair {data['state']}: {data['reason']}"
         case Kind.ACTION if "repair" in data and data["state"] in {"done", "already-there", "failed"}:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -157,6 +158,18 @@ def test_the_example_is_read() -> None:
 def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / "none.yaml")]) == 2
     assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("example", "what"), [("tedusar.yaml", "a model"), ("robot.yaml", "a robot's configuration")]
+)
+def test_check_of_another_kind_of_file_says_which_it_is_and_which_is_wanted(
+    example: str, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = ROOT / "examples" / example
+    assert main(["--check", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert re.match(rf"{file}:\d+: this is {what}; an agent's file is wanted, with `robot: ID`", said)
 
 
 def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.planning.plan import action_title, action_titles, in_prose
+from robomend.model.loading import load_text
+from robomend.planning.plan import action_title, action_titles, in_prose, power_note
 from robomend.repairs.headline import Facts, Fallback, Headline, headline
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState
@@ -225,9 +226,34 @@ def test_actions_have_names_of_the_trade() -> None:
     assert action_title("start_node", ["localisation"]) == "Start localisation"
     assert action_title("switch_to_spare", ["scan", "left"]) == "Switch to spare: scan, left"
     assert action_title("dock", []) == "Dock"
-    acts = [("shutdown", ["a"]), ("stop_node", ["n"]), ("power_up", ["a"]), ("start_node", ["n"])]
-    assert action_titles(acts) == ["Power-cycle a", "Restart n"]
-    assert action_titles([("stop_node", ["n"]), ("start_node", ["m"])]) == ["Stop n", "Start m"]
+    cycle = [step("shutdown", "a"), step("stop_node", "n"), step("power_up", "a"), step("start_node", "n")]
+    assert action_titles(cycle) == ["Power-cycle a", "Restart n"]
+    assert action_titles([step("stop_node", "n"), step("start_node", "m")]) == ["Stop n", "Start m"]
+    cycle[0]["note"] = "camera stays on"
+    assert action_titles(cycle) == ["Power-cycle a (camera stays on)", "Restart n"]
+    then = said(repair=repair(RepairState.AWAITING_APPROVAL, *cycle))[1]
+    assert then == "Power-cycle a (camera stays on) and restart n?"
+
+
+@pytest.mark.parametrize(
+    ("hardware", "others", "off", "note"),
+    [
+        ("camera: {channel: 2}", [], [], "camera stays on"),
+        ("camera: {channel: 2}, imu: {}", [], [], "camera and imu stay on"),
+        ("camera: {channel: 2}, imu: {}, gps: {}", [], [], "all else stays on"),
+        ("camera: {fed_by: lidar}, imu: {}", [], [], "camera goes off with it"),
+        ("camera: {fed_by: lidar}, imu: {fed_by: camera}", [], [], "camera and imu go off with it"),
+        ("camera: {channel: 2}, imu: {fed_by: camera}, gps: {}", ["camera"], [], "gps stays on"),
+        ("camera: {channel: 2}, imu: {}", [], ["imu"], "camera stays on"),
+        ("", [], [], ""),
+    ],
+)
+def test_what_goes_off_with_a_device_or_stays_on_is_said(
+    hardware: str, others: list[str], off: list[str], note: str
+) -> None:
+    parts = load_text(f"robomend: 1\nhardware: {{lidar: {{channel: 1}}, {hardware}}}\n").parts
+    assert parts is not None
+    assert power_note(parts, "lidar", others, off) == note
 
 
 @pytest.mark.parametrize(

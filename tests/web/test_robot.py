@@ -146,8 +146,10 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     for name in ("hokuyo", "hokuyo_node", "hector_mapping"):
         assert f"{name}\n{name} explains not ok(map)" in diagnosis
     assert "There are no others." in diagnosis
-    assert re.search(r"ok\(scan\)\? It would tell hector_mapping \(yes\) from hokuyo", diagnosis)
-    assert "Expected: 0.92 bit for 1.0 s of looking." in diagnosis
+    assert "Is scan as it should be? It would tell hector_mapping (yes) from hokuyo" in diagnosis
+    looked = page.get_by_title("ok(scan): expected 0.92 bit for 1.0 s of looking")
+    assert "Is scan as it should be?" in looked.inner_text()
+    assert "in 1 of 3 diagnoses" in diagnosis
     assert "Approve" in part(page, "state")
     observed = part(page, "obs")
     assert re.search(

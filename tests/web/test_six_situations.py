@@ -17,7 +17,10 @@ from tests.waiting import until
 from tests.web.conftest import Look
 from tests.web.test_fleet import live, row
 
+from robomend.notifications.notices import message, notice_of
 from robomend.resources import resource
+from robomend.store import events
+from robomend_client.events import Event, Kind
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -165,11 +168,27 @@ def test_by_what_a_function_works_is_told_with_since_when_and_what_was_measured(
     keep(page, "degraded")
 
 
-def test_a_repair_and_its_event_say_the_same(six: Service) -> None:
-    found = six.api("GET", f"/repairs/{repairs(six, 'asks', 'awaiting-approval')[0]}").json()
-    case = SITUATIONS["asks"]
-    assert re.match(f"^({case.what}) {case.then}$", found["headline"])
-    assert found["headline"] == six.api("GET", "/robots/asks").json()["headline"]
+@pytest.mark.parametrize("robot", ["asks", "runs", "escalated", "twofold"])
+def test_repair_and_event_and_mail_say_the_same(six: Service, robot: str) -> None:
+    """Of a robot that needs no repair there is neither."""
+    case = SITUATIONS[robot]
+    whole = re.compile(f"^({case.what}) {case.then}$")
+    repair = six.api("GET", f"/robots/{robot}/repairs").json()["items"][0]
+    assert whole.match(repair["headline"])
+
+    def told() -> list[Event]:
+        found = six.run(six.runtime.store.read(lambda view: events.after(view, 0, robot=robot, limit=1000)))
+        return [event for event in found if event.kind is Kind.REPAIR and event.data.get("state")]
+
+    newest = told()[-1]
+    assert newest.data["id"] == repair["id"]
+    assert whole.match(newest.data["headline"])
+    notice = notice_of(newest)
+    assert (notice is not None) == (robot in {"asks", "twofold"})  # else nobody is asked for anything
+    if notice is not None:
+        text = message(1, notice.data, None)["text"]
+        assert re.search(case.then, text)
+        assert re.search(case.what, f"{notice.title}.\n{text}")
 
 
 def test_the_header_of_a_phone_is_one_line(six: Service, look: Look) -> None:

@@ -206,6 +206,10 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     Raises:
         ConfigError: it names what is wrong and where.
     """
+    for key, kind in {"robomend": "a model", "model": "a robot's configuration"}.items():
+        if key in top and "robot" not in top:
+            wanted = "an agent's file is wanted, with `robot: ID`, `service:` and `observers:`"
+            raise top.error("", f"this is {kind}; {wanted}")
     top.explain(**TOP)
     robot = top.text("robot")
     agent = top.text("agent", socket.gethostname())

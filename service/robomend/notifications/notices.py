@@ -130,7 +130,7 @@ def _of_repair(event: Event) -> Notice | None:
     lines = [then]
     if state == RepairState.AWAITING_APPROVAL:
         about = "approval"
-        lines += [f"plan: {_listed(action_titles(_acts(data)), '; ')}"] if len(plan) > 1 else []
+        lines += [f"plan: {_listed(action_titles(data.get('plan') or ()), '; ')}"] if len(plan) > 1 else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
     elif data.get("drill") is not None or data.get("again") or data.get("optional"):
@@ -149,10 +149,6 @@ def _of_repair(event: Event) -> Notice | None:
     return Notice(about, key, event.robot, repair, event.time_ns, title, tuple(lines))
 
 
-def _acts(data: Json) -> list[tuple[str, list[str]]]:
-    return [(step["name"], step["parameters"]) for step in data.get("plan") or ()]
-
-
 def _of_change(event: Event) -> Notice | None:
     data, state = event.data, event.data.get("state")
     asks = state == ChangeState.AWAITING_APPROVAL
@@ -161,7 +157,7 @@ def _of_change(event: Event) -> Notice | None:
         return None
     change = str(data.get("id"))
     lines = [_short(str(one.get("text"))) for one in data.get("changes") or ()]
-    plan = action_titles(_acts(data))
+    plan = action_titles(data.get("plan") or ())
     lines += [f"plan: {_listed(plan, '; ')}"] if plan and asks else []
     if state == ChangeState.FAILED:
         lines.append(f"reason: {in_prose(_short(data.get('reason') or ''))}")

@@ -194,7 +194,9 @@ class Notifier:
             return
         self._metrics.notifications.labels("delivered" if outcome.delivered else "failed").inc(len(found))
         if not outcome.delivered:
-            log.warning("not told", recipient=recipient.name, answer=outcome.answer, notifications=len(found))
+            log.warning(
+                "not delivered", recipient=recipient.name, answer=outcome.answer, notifications=len(found)
+            )
 
 
 GONE = "the settings do not name this recipient any more"

@@ -7,10 +7,12 @@ plan is pure data and goes over HTTP as it is.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
+from robomend.model.components import ComponentModel
 from robomend_client.literals import Atom, Literal
 
 
@@ -84,20 +86,52 @@ def in_prose(text: str) -> str:
     return _IN_PDDL.sub(lambda found: f"{DOING[found[1]]} {found[2]}", text)
 
 
-def action_titles(acts: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
-    """Return actions as people say them, in their order; to stop and to start again is one thing to them."""
-    rest = [(name, tuple(parameters)) for name, parameters in acts]
+def step_title(step: Mapping[str, Any]) -> str:
+    """Return a step of a plan, as HTTP shows it, as people say it."""
+    note = f" ({step['note']})" if step.get("note") else ""
+    return f"{action_title(step['name'], step['parameters'])}{note}"
+
+
+def action_titles(steps: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the steps of a plan as people say them, in their order; to stop and to start again is one thing
+    to them.
+    """
+    rest = list(steps)
     titles: list[str] = []
     while rest:
-        name, parameters = rest.pop(0)
+        step = rest.pop(0)
+        title = step_title(step)
         for (first, second), words in PAIRS.items():
-            if name == first and len(parameters) == 1 and (second, parameters) in rest:
-                rest.remove((second, parameters))
-                titles.append(f"{words} {parameters[0]}")
-                break
-        else:
-            titles.append(action_title(name, parameters))
+            again = [one for one in rest if (one["name"], one["parameters"]) == (second, step["parameters"])]
+            if step["name"] == first and len(step["parameters"]) == 1 and again:
+                rest.remove(again[0])
+                title = f"{words}{title.removeprefix(ACTIONS[first])}"
+        titles.append(title)
     return titles
+
+
+def power_note(model: ComponentModel, cut: str, others: Collection[str], off: Collection[str]) -> str:
+    """Return what a person asks before a device is switched off: what goes off with it, or what stays on.
+
+    Args:
+        others: what the same plan switches off as well.
+        off: what has no power now.
+    """
+    hardware = [name for name in model.hardware if name not in {cut, *others, *off}]
+    along = [name for name in hardware if cut in model.feeders(name)]
+    if along:
+        names = along if len(along) <= 3 else [*along[:2], f"{len(along) - 2} more"]
+        return f"{_and(names)} {'goes' if len(along) == 1 else 'go'} off with it"
+    rest = [name for name in hardware if not {*others}.intersection(model.feeders(name))]
+    if not rest:
+        return ""
+    return (
+        f"{_and(rest)} {'stays' if len(rest) == 1 else 'stay'} on" if len(rest) < 3 else "all else stays on"
+    )
+
+
+def _and(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
 @dataclass(frozen=True, slots=True)

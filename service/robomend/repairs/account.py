@@ -18,7 +18,7 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.choice import Choice
-from robomend.planning.plan import action_title, in_prose
+from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.headline import began, seen
 from robomend.repairs.states import StepState
@@ -180,7 +180,7 @@ def _lost(rival: Json, done: Json) -> str:
 
 
 def _step(step: Json, *, ended: bool) -> str:
-    title = f"{action_title(step['name'], step['parameters'])} ({step['text']})"
+    title = f"{step_title(step)} ({step['text']})"
     if step.get("sent_ns") is None:
         state = step.get("state", StepState.WAITING)
         return f"{title}: {'not begun' if ended and state == StepState.WAITING else state}{_said(step)}"

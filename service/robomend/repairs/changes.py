@@ -45,7 +45,7 @@ from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, timings
 from robomend.repairs.record import LOOP, ActionRecord
-from robomend.repairs.repair_json import change_json, step_json
+from robomend.repairs.repair_json import change_json, plan_json
 from robomend.repairs.signals import Requests, Signals
 from robomend.repairs.states import CHANGE, ChangeState, ChangeTrigger
 from robomend.robots.clock import CLOCK
@@ -484,7 +484,7 @@ class Changes:
                 }
                 for one in due
             ],
-            "plan": [] if plan is None else [step_json(step, 0) for step in plan.steps],
+            "plan": [] if plan is None else plan_json(plan, 0, state.system.parts, state.sight.entries()),
             "cost": None if plan is None else plan.cost,
             "reason": "; ".join(one.reason for one in due),
             "by": LOOP,

@@ -411,7 +411,7 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
         case HealthState.PARTLY_UNKNOWN:
             if repair is not None and repair["state"] == RepairState.UNCONFIRMED:
                 return (f"A person is needed to look: {short(repair['reason'])}.",), True, None
-            return ("It is told as soon as it is reported.",), False, None
+            return ("It is shown as soon as it is reported.",), False, None
     if of.policy == "observe":
         return ("A person is needed: its policy is to observe only.",), True, None
     if repair is not None and repair["state"] != RepairState.REPAIRED:
@@ -462,6 +462,7 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
         return ("A repair is being planned.",), False, None
     if state == RepairState.RUNNING:
         running = [step for step in plan if step["state"] == StepState.RUNNING]
+        running = running or [step for step in plan if step["state"] == StepState.WAITING][:1]
         done = sum(step["state"] in {StepState.DONE, StepState.ALREADY} for step in plan)
         at = f" (step {min(done + 1, len(plan))} of {len(plan)})" if len(plan) > 1 else ""
         return (f"Under way: {_titles(running) or 'its repair'}{at}.",), False, None
@@ -474,7 +475,7 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
 
 
 def _titles(steps: Sequence[Json]) -> str:
-    titles = action_titles((step["name"], step["parameters"]) for step in steps)
+    titles = action_titles(steps)
     return _listed([titles[0], *(one[0].lower() + one[1:] for one in titles[1:])]) if titles else ""
 
 

@@ -228,7 +228,7 @@ class LiveRepair:
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
             self._doubt()
-            self._first = await self._record.begin_round(found, result, entries)
+            self._first = await self._record.begin_round(found, result, entries, self._state.system.parts)
         else:
             self._record.not_mended(found, result, self._state.sight.entries())
         return found
@@ -379,7 +379,9 @@ class LiveRepair:
         why = "what was stopped or switched off for the repair is brought back before it gives up"
         choice = Choice(Diagnosis(tuple(left)), plan, None, (), plan.cost, why)
         nothing = DiagnosisResult(self._state.system.cnf.components, (), True, None, (), 0.0)
-        first = await self._record.begin_round(choice, nothing, self._state.sight.entries())
+        first = await self._record.begin_round(
+            choice, nothing, self._state.sight.entries(), self._state.system.parts
+        )
         await self._record.update(RepairTrigger.PERMITTED)
         ends: list[Execution] = []
         for step in steps:  # each whatever comes of the others

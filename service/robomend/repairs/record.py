@@ -15,10 +15,11 @@ from typing import Any
 
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
+from robomend.model.components import ComponentModel
 from robomend.planning.choice import Choice
 from robomend.repairs.account import MOST, blamed, grounds, outcome
 from robomend.repairs.execution_values import StepReport, Withheld
-from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
+from robomend.repairs.repair_json import plan_json, repair_json, report_json, step_number
 from robomend.repairs.signals import NO_REASON
 from robomend.repairs.states import ENDS, INITIAL, REPAIR, RepairState, RepairTrigger
 from robomend.store import Store, Transaction, View, attempts, drills, global_stop, journal, repairs
@@ -289,7 +290,13 @@ class RepairRecord(ActionRecord):
         self._data = data  # before it is on disk: steps that run side by side may write meanwhile, too
         self._repair = await self._store.write(write, robots=(self.robot,))
 
-    async def begin_round(self, choice: Choice, result: DiagnosisResult, entries: Iterable[Entry]) -> int:
+    async def begin_round(
+        self,
+        choice: Choice,
+        result: DiagnosisResult,
+        entries: Iterable[Entry],
+        model: ComponentModel | None = None,
+    ) -> int:
         """Note the plan of a new round; return the number of its first step within the repair.
 
         With it goes what the choice rests on (account.py): its rivals, what it was chosen from (`result`),
@@ -299,12 +306,13 @@ class RepairRecord(ActionRecord):
         plan, why = choice.plan, choice.reason
         assert plan is not None
         assert choice.diagnosis is not None
+        entries = tuple(entries)
         rests_on = grounds(result, choice, entries)
         rounds = self.rounds_closed("not-permitted", "it was not begun")
         first = sum(len(past["plan"]) for past in rounds)
         bad, good = choice.diagnosis.bad, result.good(choice.diagnosis)
         diagnosis = {"bad": list(bad), "good": list(good)}
-        steps = [step_json(step, first) for step in plan.steps]
+        steps = plan_json(plan, first, model, entries)
         new = {"began_ns": time.time_ns(), "diagnosis": diagnosis, "plan": steps, "why": why, "ending": None}
         rounds.append({**new, **rests_on})
         self._why = "; ".join((why, *rests_on["conflicts"]))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from robomend.planning.plan import Step
+from robomend.entry import Entry
+from robomend.model.components import ComponentModel
+from robomend.planning.plan import Plan, Step, power_note
 from robomend.repairs.execution_values import StepReport
 from robomend.repairs.headline import of_repair
 from robomend.repairs.states import StepState
@@ -19,8 +21,22 @@ def step_number(action_id: str) -> int:
     return int(action_id.rpartition(":")[2].partition(".")[0])
 
 
-def step_json(step: Step, first: int) -> dict[str, Any]:
-    """Return a step of a plan, numbered within its repair."""
+def plan_json(
+    plan: Plan, first: int, model: ComponentModel | None, entries: Iterable[Entry]
+) -> list[dict[str, Any]]:
+    """Return the steps of a plan, numbered within their repair."""
+    cuts = {step.parameters[0] for step in plan.steps if step.name == "shutdown" and step.parameters}
+    steps = [_step_json(step, first) for step in plan.steps]
+    if model is None or not cuts:
+        return steps
+    off = {e.atom.args[0] for e in entries if e.atom.predicate == "on" and e.atom.args and not e.positive}
+    for step in steps:
+        if step["name"] == "shutdown" and (cut := step["parameters"][0]) in model.hardware:
+            step["note"] = power_note(model, cut, cuts - {cut}, off)
+    return steps
+
+
+def _step_json(step: Step, first: int) -> dict[str, Any]:
     return {
         "index": first + step.index,
         "name": step.name,

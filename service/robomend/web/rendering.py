@@ -20,9 +20,9 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.planning.plan import action_title, action_titles, in_prose
+from robomend.planning.plan import action_titles, in_prose, step_title
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
-from robomend.repairs.headline import Told, clock, in_words
+from robomend.repairs.headline import Told, clock, in_words, question
 from robomend.web.moment_plot import svg as moment_svg
 from robomend.web.plan_graph import svg as plan_svg
 from robomend.web.words import duration, layers, listed, repair_state, without
@@ -121,7 +121,8 @@ def _environment() -> Environment:
         amount=amount,
         duration=duration,
     )
-    environment.filters.update(in_words=in_words)
+    environment.filters.update(in_words=in_words, question=question)
+    environment.filters.update(capitalized=lambda text: text[:1].upper() + text[1:])
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     environment.globals.update(fleet_row=fleet_row)
@@ -202,12 +203,12 @@ def told(words: Told) -> Markup:
 
 def title(step: Mapping[str, Any]) -> str:
     """Return a step of a plan as people say it."""
-    return action_title(step["name"], step["parameters"])
+    return step_title(step)
 
 
 def titles(steps: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return a plan as people say it: to stop and to start again is one thing."""
-    return action_titles((step["name"], step["parameters"]) for step in steps)
+    return action_titles(steps)
 
 
 def in_json(value: object) -> str:

@@ -41,7 +41,7 @@ def without(reason: str, bad: Sequence[str]) -> str:
     return LONE_COST.sub("", reason)
 
 
-LONE_COST = re.compile(r"; to be repaired at cost [\d.]+$")
+LONE_COST = re.compile(r"(?:; to be repaired)? at cost [\d.]+$")
 
 
 def repair_state(state: str) -> str:

@@ -36,6 +36,7 @@ class RepairStep(Out):
     after: list[int] = Field(description="steps that must be done before it")
     cost: float
     text: str = Field(examples=["start_node(jaguar_node)"])
+    note: str | None = Field(default=None, description="what goes off with it, or stays on")
     state: StepState
     result: int | None = Field(description="the action's result code; 0 is success")
     message: str

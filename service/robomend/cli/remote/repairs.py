@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import RepairName, RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
-from robomend.planning.plan import action_title, in_prose
+from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.states import RepairState
 
 
@@ -133,6 +133,6 @@ def _decide(decision: str, repair: str, reason: str, url: str, key: str | None, 
     click.echo(f"{said}: repair {repair} of {decided['robot']}")
     if decision == "approve":
         for step in decided["plan"]:
-            click.echo(f"  {printable(action_title(step['name'], step['parameters']))}")
+            click.echo(f"  {printable(step_title(step))}")
         click.echo(f"follow it: robomend watch {decided['robot']}")
     return 0

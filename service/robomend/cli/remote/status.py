@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
-from robomend.planning.plan import action_title, in_prose
+from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.states import RepairState
 from robomend_client.counts import counted
 
@@ -158,7 +158,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         yield f"repair {repair['id']}: {repair['state']}{ended}{reason}"
         if repair["state"] == RepairState.AWAITING_APPROVAL:
             for step in repair["plan"]:
-                yield f"  {action_title(step['name'], step['parameters'])}"
+                yield f"  {step_title(step)}"
             yield f"  yes: robomend approve {repair['id']}; no: robomend cancel {repair['id']}"
     for finding in robot["findings"]:
         yield f"note: {finding}"
