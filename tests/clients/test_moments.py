@@ -142,17 +142,18 @@ def test_what_is_refused_is_said_and_costs_nothing_else(service: ServiceDouble, 
 
 def test_a_full_disk_loses_the_moment_and_nothing_else(service: ServiceDouble, tmp_path: Path) -> None:
     """A bound on the size of any file stands in for the disk: writing beyond it fails likewise."""
-    with watching(
-        tmp_path, service.url, topics={"scan": {}, "odom": {}}, moments={"after_s": 0, "disk_mb": 1}
-    ) as (process, talker):
+    topics: dict[str, dict[str, Any]] = {"scan": {}, **{f"other{number}": {} for number in range(20)}}
+    moments = {"after_s": 0, "disk_mb": 1}
+    with watching(tmp_path, service.url, topics=topics, moments=moments) as (process, talker):
         eventually(lambda: process.poll() is None, "an agent")
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (100_000, 100_000))
-        talker.say("scan", data=["x" * 1000] * 50)
-        talker.say("odom", data=["y" * 1000] * 50)
+        for name in topics:
+            talker.say(name, data=["x" * 1000] * 50)
         eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (512, 100_000))
-        talker.hush("scan")
         log = tmp_path / "agent.log"
+        most = log.stat().st_size + 6000  # for the log: less than the moment takes
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (most, 100_000))
+        talker.hush("scan")
         eventually(lambda: "a moment is lost" in log.read_text(), "it is said")
         eventually(lambda: service.holds().get("ok(scan)") is False, "the observation came all the same")
         talker.say("scan")
