@@ -161,7 +161,12 @@ class GeneralObserver:
 
     def due_ns(self) -> int:
         due_ns = self._newest_ns + self._silence_ns
-        return due_ns if self._known_bad else self._doubt.put_off(due_ns, self._longer_ns)
+        if self._known_bad:
+            return due_ns
+        # From the last message on, also where time in which nobody looked has silence begin anew: who is
+        # starved for long looks away again and again, and would not come to the end of the longer one.
+        heard_ns = self._newest_ns if self._heard_ns is None else self._heard_ns
+        return max(due_ns, self._doubt.put_off(heard_ns + self._silence_ns, self._longer_ns))
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         if now_ns - self._newest_ns >= self._silence_ns and now_ns >= self.due_ns():

@@ -251,6 +251,16 @@ def test_on_a_starved_computer_slow_is_unknown_and_silence_counts_later(
     assert [at_s for at_s, _ in after] == pytest.approx([at_s for at_s, _ in expected], abs=0.35)
 
 
+def test_who_is_starved_and_looks_away_again_and_again_finds_a_silent_topic_all_the_same() -> None:
+    driver, found = Driver([GeneralObserver("scan", RATE)], 0), []
+    beat(driver, "scan", 0, 40)
+    driver.starved(True, ns(4))
+    for at_s in range(4, 20, 2):
+        found += [*driver.lapse(ns(at_s + 0.6)), *driver.advance(ns(at_s + 2))]
+    (silent,) = [change for change in found if str(change.value) == "not ok(scan)"]
+    assert 8 < silent.time_ns / SECOND < 12  # 4 s later than else, and once somebody looked for long enough
+
+
 def test_after_time_that_nobody_looked_at_a_silent_topic_is_found_silent() -> None:
     driver = Driver([GeneralObserver("scan", RATE)], 0)
     beat(driver, "scan", 0, 20)
