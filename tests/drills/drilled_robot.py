@@ -226,18 +226,24 @@ class DrilledRobot:
         detect_s: float = 15.0,
         topic: str | None = None,
     ) -> dict[str, Any]:
-        """Begin a drill as soon as the robot is well, and no repair of it goes on."""
+        """Begin a drill as soon as the robot is well, and no repair of it goes on; once more where it was not
+        well for long enough.
+        """
         deadline = time.monotonic() + WAIT_S
         while True:
             try:
                 with self.client as client:
-                    return client.start_drill(
+                    drill = client.start_drill(
                         "r1", fault, component, topic=topic, bound_s=bound_s, detect_s=detect_s
                     )
             except StateConflict:
                 if time.monotonic() > deadline:
                     raise
                 time.sleep(0.05)
+                continue
+            begun = self.drill(drill["id"], lambda one: one["state"] != "waiting")
+            if begun["state"] != "refused" or time.monotonic() > deadline:
+                return drill
 
     def drill(
         self, drill: str, wanted: Callable[[dict[str, Any]], bool], timeout_s: float = 120.0

@@ -81,8 +81,8 @@ AT_IT = frozenset({RepairState.RUNNING, RepairState.VERIFYING})
 LONGEST_PAUSE_S = 5.0
 """Between two tries to undo."""
 
-RECOVERED_S = 30.0
-"""For the robot to be seen to be healthy after the undo."""
+RECOVERED_S = 60.0
+"""For the robot to be seen to be healthy after the undo, on a busy computer too."""
 
 HELD_S = (1.0, 10.0)
 """It must be so for as long as its slowest observer needs, within these."""

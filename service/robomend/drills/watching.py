@@ -28,8 +28,9 @@ from robomend_client.literals import Atom
 LOOK_S = 0.2
 """How often it is looked at the clock as well: events wake us before."""
 
-GONE_S = 3.0
-"""What was known before the fault and is unknown for so long: whoever reports it is gone."""
+GONE_S = 10.0
+"""What was known before the fault and is unknown for so long: whoever reports it is gone. An agent that gets
+no processor says nothing of a silent topic for half of that."""
 
 CALM_S = 2.0
 """A robot that is healthy again for so long without a repair is well."""
