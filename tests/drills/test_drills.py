@@ -62,8 +62,10 @@ def test_a_mute_process_in_a_nodes_place_is_seen_and_the_repair_starts_the_node_
 
 @pytest.mark.parametrize("fault", ["topic-dropped", "topic-delayed"])
 def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_afterwards(
-    robot: DrilledRobot, fault: str
+    robot: DrilledRobot, fault: str, long: bool
 ) -> None:
+    if fault == "topic-delayed" and not long:
+        pytest.skip("an agent that is starved calls messages that come seconds late unknown: --long, alone")
     robot.configure(policy="approve")  # nothing that a repair does would help
     try:
         drill = robot.start_drill(fault, "lidar_node", bound_s=300.0, detect_s=200.0, topic="scan")

@@ -44,7 +44,7 @@ def test_what_the_page_of_drills_shows_is_done(
             robot.until_healthy()
             for line in block.text.splitlines():
                 if "/robots/r1/drills" in line:  # one at a time
-                    until(lambda: not robot.leftovers(), "the one before is undone", 60)
+                    until(lambda: not robot.leftovers(), "the one before is undone", 200)
                     robot.until_healthy()
                 asked = line.replace("curl ", "curl -sS --fail-with-body ")
                 if SHOWN in line:  # the newest one
