@@ -211,7 +211,7 @@ def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(rob
 def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(robot: DrilledRobot) -> None:
     robot.configure(policy="approve")
     try:
-        drill = robot.start_drill("node-frozen", "mapping")
+        drill = robot.start_drill("node-frozen", "mapping", bound_s=300.0, detect_s=200.0)
         robot.in_state(drill["id"], "planted")
         robot.kill("agent")
         gone = robot.in_state(drill["id"], "undoing")
