@@ -274,7 +274,8 @@ def test_a_recording_is_read_by_the_library(tmp_path: Path) -> None:
         heard("/scan", tick * SECOND // 10, b"s%d" % tick, None)
         heard("/image", tick * SECOND // 10, b"i" * 100_000, None)
     file = tmp_path / "a.mcap"
-    notes = write(file, kept.recorded(5 * SECOND, 20 * SECOND), 5 * SECOND, 20 * SECOND, b"{}")
+    within = 5 * SECOND, 20 * SECOND
+    notes = write(file, kept.recorded(*within), kept.looks(*within), *within, b"{}")
     assert notes == [note for note in notes if "/image" in note] != []
     with file.open("rb") as opened:
         found = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(opened).iter_messages()]

@@ -97,7 +97,8 @@ def test_what_a_robot_said_live_is_what_the_batch_of_its_recordings_says(
     specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, tmp_path))
     samples = sorted(drive(), key=lambda sample: sample[0])
     written = Recording(tmp_path / "run.jsonl", EPOCH_NS, 1 << 20)
-    driver = Driver([spec.make() for spec in specs], EPOCH_NS, lenient=read_lenient(top), listener=written)
+    made, lenient = [spec.make() for spec in specs], read_lenient(top)
+    driver = Driver(made, EPOCH_NS, lenient=lenient, listeners=(written,))
     live: list[Change] = []
     for time, topic, value in samples:
         at_ns = EPOCH_NS + round(time * SECOND)

@@ -115,7 +115,7 @@ def agents(file: Path) -> None:
     top = read(observers)
     specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, file.parent))
     written = Recording(file, EPOCH_NS, 1 << 22)
-    driver = Driver([spec.make() for spec in specs], EPOCH_NS, listener=written)
+    driver = Driver([spec.make() for spec in specs], EPOCH_NS, listeners=(written,))
     for time_s, topic, value in sorted(drive(), key=lambda one: one[0]):
         at_ns = EPOCH_NS + round(time_s * SECOND)
         if topic != "diagnostics":

@@ -9,6 +9,7 @@ silent is silent.
 
 from __future__ import annotations
 
+import json
 from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -41,9 +42,13 @@ from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.problems import ObserverProblem
+from robomend_client.observers.recording import replay_line
 from robomend_client.ros_graph import lasting_name
 
 TOGETHER = 1 << 16
+
+LONG_NS = 3600 * SECOND
+"""A time that is so far from the one before is none."""
 
 OF_LATE_NS = 10 * SECOND
 """So long after its last message a node still publishes a topic."""
@@ -105,7 +110,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
             start_ns,
             lenient=observing.lenient,
             on_problem=Reported(str(path), opened.problems),
-            listener=restarts,
+            listeners=(restarts,),
         )
         reading = _Reading(driver, restarts, Changes(opened.words("")), start_ns)
         yield Block("", Restart(start_ns))
@@ -148,6 +153,13 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 source, node = wants.publishers[number]
                 if (nodes := reading.callers.heard(source, node, time_ns)) is not None:
                     yield from changes.take(driver.publishers(source, nodes, time_ns), restarts.take())
+            elif number in wants.looks and data is not None:
+                try:
+                    changed = _looked(driver, data, time_ns)
+                except (ValueError, KeyError, TypeError) as error:
+                    wants.unreadable(number, error)
+                else:
+                    yield from changes.take(changed, restarts.take())
         reading.latest_ns = latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
         reading.place = place
         _tell(recording, path, opened.problems)
@@ -163,6 +175,14 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
         yield from changes.take(changed, restarts.take())
     yield from changes.rest()
     yield Block("", Advance(end_ns))
+
+
+def _looked(driver: Driver, data: bytes, time_ns: int) -> list[Change]:
+    """Take in a line of what the agent that recorded it did not look at."""
+    line = json.loads(data)
+    if time_ns - driver.now_ns >= LONG_NS or {"source", "restart", "end"} & line.keys():
+        raise ValueError("no such line is written, or not at such a time")
+    return list(replay_line(driver, {**line, "at": time_ns}))
 
 
 class Callers:

@@ -67,7 +67,7 @@ def _replayed(reading: _Reading, path: Path, opened: Opened) -> Blocks:
                     start_ns,
                     lenient=observing.lenient,
                     on_problem=Reported(str(path), opened.problems),
-                    listener=restarts,
+                    listeners=(restarts,),
                 )
                 yield Block("", Restart(start_ns))
                 continue

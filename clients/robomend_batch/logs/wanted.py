@@ -17,6 +17,7 @@ from robomend_client.bridges.names import Names
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.kinds import ObserverSpec
+from robomend_client.observers.recording import LOOKS
 
 if TYPE_CHECKING:
     from robomend_batch.logs.columns import Column
@@ -61,6 +62,8 @@ class Wants:
             self._topic_of[channel.number] = channel.topic
         self._types: dict[str, Any] = {}
         self._columns: dict[tuple[int, str], Column] = {}
+        self.looks: set[int] = set()
+        """Channels with lines of when the agent that recorded it did not look (LOOKS)."""
         self.publishers: dict[int, tuple[str, str]] = {}
         """Channel -> source and node, of topics of which somebody asks who publishes them."""
         found: dict[str, list[tuple[int, Want]] | None] = {}
@@ -79,6 +82,10 @@ class Wants:
                 self.channels[number] = self.channels.get(number, False) or want[1] is not None
         if by_header:
             self._by_header()
+        elif self.specs:
+            self.looks = {channel.number for channel in self._by_topic.get(LOOKS.removeprefix("/"), ())}
+            for number in self.looks:
+                self.of[number], self.channels[number] = [], True
 
     def _is_recorded(self, spec: ObserverSpec) -> bool:
         """Return whether a recording can have what an observer of the robot's graph asks for; say why not."""
@@ -111,7 +118,7 @@ class Wants:
     def taken(self, stretch: Chunk, driver: Driver) -> bool:
         """Return whether a driver takes in a stretch at once; else nothing of it was taken in."""
         samples: dict[str, tuple[Any, Callable[[], Any] | None]] = {}
-        if not self.publishers.keys().isdisjoint(stretch.times_ns):
+        if not (self.publishers.keys() | self.looks).isdisjoint(stretch.times_ns):
             return False
         for number, times_ns in stretch.times_ns.items():
             for source, extract in self.of[number]:

@@ -101,6 +101,7 @@ class Agent:
                 config.lenient,
                 config.recording,
                 moments.sample if config.moments.keep else None,
+                [moments.ring] if config.moments.keep else [],
             )
             for feed, sources in config.feeds:
                 if isinstance(feed, Reads):

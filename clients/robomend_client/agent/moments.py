@@ -140,7 +140,6 @@ class Moments:
         self._said: dict[str, tuple[int, object]] = {}  # topic of the bus -> its last message
         self._publishers: dict[str, tuple[str, ...]] = {}  # source -> nodes
         self._nodes: dict[str, bool | None] = {}
-        self._lapses: deque[tuple[int, float]] = deque(maxlen=20)  # when nobody had looked, for how long
         self._bad: set[Atom] = set()
         self._open: _OpenMoment | None = None
         self._ending: str | None = None  # the name of one whose whole frame is being written
@@ -152,15 +151,12 @@ class Moments:
     # --- what happens ----------------------------------------------------------------------------------
 
     def sample(self, source: str, time_ns: int, value: object) -> None:
-        """An observer is fed with this; under no name, for so many seconds nobody has looked."""
+        """An observer is fed with this."""
         if isinstance(value, (Publishers, Contact)) or source in TABLES:
             self._graph(source, value)
             return
         bins = self._series.get(source)
         if bins is None:
-            if not source:
-                self._lapses.append((time_ns, float(str(value))))
-                return
             if len(self._series) >= MOST_SOURCES:
                 return
             bins = self._series[source] = deque(maxlen=self._most_bins)
@@ -271,7 +267,8 @@ class Moments:
         said = {"robot": self._robot, "agent": self._agent, "at_ns": one.at_ns, "literals": one.literals}
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            made = await asyncio.to_thread(write, new, topics, since_ns, until_ns, json.dumps(said).encode())
+            looks, about = self.ring.looks(since_ns, until_ns), json.dumps(said).encode()
+            made = await asyncio.to_thread(write, new, topics, looks, since_ns, until_ns, about)
             _make_room(self._folder, self._most_bytes, new.stat().st_size, keep=_name(one))
             new.replace(file)
         except Exception as error:  # noqa: BLE001  # a full disk, or a definition from anybody
@@ -308,18 +305,25 @@ class Moments:
             for name, process in self.processes.items()
         ]
         topics = {name: self.ring.topics[name] for name in one.last if name in self.ring.topics}
-        graph = dict(self._publishers), dict(self._nodes)
-        return _Facts(self._clock.now_ns(), tuple(self._lapses), series, logs, table, topics, *graph)
+        graph, now_ns = (dict(self._publishers), dict(self._nodes)), self._clock.now_ns()
+        looks = self.ring.looks(one.at_ns - int(self.config.before_s * SECOND), now_ns)
+        return _Facts(now_ns, looks, series, logs, table, topics, *graph)
 
     def _write_now(self, one: _OpenMoment, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         frame = make_frame(one, facts, notes)
-        frame["notes"] += (
-            f"nobody looked for {lapse_s:.1f} s until {seconds(time_ns, one.at_ns):.1f} s: what a recording "
-            "says of that time is not what was judged"
-            for time_ns, lapse_s in facts.lapses
-            if one.at_ns - self.config.before_s * SECOND <= time_ns
-        )
+        frame["notes"] += [
+            f"nobody looked for {(line['lapse'] - line['at']) / SECOND:.1f} s "
+            f"until {seconds(line['lapse'], one.at_ns):.1f} s"
+            for line in facts.looks
+            if "lapse" in line
+        ][-20:]
+        frame["notes"] += [
+            f"this computer was starved {'from' if line['starved'] else 'until'} "
+            f"{seconds(line['at'], one.at_ns):.1f} s: what came late then was not called bad"
+            for line in facts.looks
+            if "starved" in line
+        ][-20:]
         if self._missed:
             frame["notes"].append(f"no moment was kept of {self._missed} literals before this one")
             self._missed = 0 if complete else self._missed
@@ -431,7 +435,7 @@ class _Facts(NamedTuple):
     """What a frame is made of."""
 
     now_ns: int
-    lapses: tuple[tuple[int, float], ...]
+    looks: list[dict[str, Any]]
     series: dict[str, list[tuple[int, int, float | None]]]
     logs: dict[str, str]
     processes: list[dict[str, Any]]

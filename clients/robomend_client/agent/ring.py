@@ -8,18 +8,21 @@ so that a rate is still what it was. While a moment is open it gives its newest 
 something turned bad is not pushed out by what came later.
 
 A topic of which some messages were given up is two in the recording: TOPIC has the times of all, as messages
-of the type Empty, and TOPIC/kept those that are whole.
+of the type Empty, and TOPIC/kept those that are whole. LOOKS has when nobody looked, and when the computer
+was starved, so that who judges the messages again judges as it was judged then.
 """
 
 from __future__ import annotations
 
+import json
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robomend_client.observers import SECOND
+from robomend_client.observers import SECOND, Contact
+from robomend_client.observers.recording import LOOKS, Looks
 
 LAST = 3
 """Messages of a topic that a freeze frame has, at most."""
@@ -32,6 +35,8 @@ OVERHEAD = 200
 
 MOST_TOPICS = 1000
 MOST_STAMPS = 100_000
+
+MOST_LOOKS = 10_000
 
 SLACK = 0.1
 """Of the memory, this much is made free at once."""
@@ -80,7 +85,7 @@ class RingTopic:
     size: int = 0  # of `whole`
 
 
-class Ring:
+class Ring(Looks):
     """See the module."""
 
     def __init__(self, before_s: float, memory_bytes: int, *, record: bool) -> None:
@@ -91,6 +96,8 @@ class Ring:
         self._most = memory_bytes
         self._since_ns: int | None = None  # while a moment is open: what is younger stays
         self._newest_ns = 0
+        self._looks: deque[dict[str, Any]] = deque()  # lines of the driver's recording
+        self._holds: dict[tuple[str, str], dict[str, Any]] = {}  # of older ones, those that are still so
 
     def tap(self, describe: Describe) -> Tap:
         """Return what a feed hands its messages to."""
@@ -122,11 +129,34 @@ class Ring:
         """Begin anew: these times are of another clock."""
         self._newest_ns = 0
         self.size = 0
+        self._looks.clear()
+        self._holds.clear()
         for one in self.topics.values():
             one.last.clear()
             one.whole.clear()
             one.stamps.clear()
             one.size = 0
+
+    def write(self, line: dict[str, Any]) -> None:
+        """Take down when nobody looked, and the like: see Looks."""
+        if "at" not in line:
+            self.forget()  # time begins again
+            return
+        looks = self._looks
+        looks.append(line)
+        oldest_ns = line["at"] - self._before_ns if self._since_ns is None else self._since_ns
+        while looks[0]["at"] < oldest_ns or len(looks) > MOST_LOOKS:
+            _is_so(self._holds, looks.popleft())
+
+    def looks(self, since_ns: int, until_ns: int) -> list[dict[str, Any]]:
+        """Return what there is of that within that time; what was so before is so from its beginning on."""
+        holds, found = dict(self._holds), []
+        for line in self._looks:
+            if line["at"] < since_ns:
+                _is_so(holds, line)
+            elif line["at"] <= until_ns:
+                found.append(line)
+        return [*({**line, "at": since_ns} for line in holds.values()), *found]
 
     def recorded(self, since_ns: int, until_ns: int) -> list[Recorded]:
         """Return what there is of each topic within that time, to be written by a thread."""
@@ -166,6 +196,18 @@ class Ring:
         self.size -= size
 
 
+def _is_so(holds: dict[tuple[str, str], dict[str, Any]], line: dict[str, Any]) -> None:
+    """Take a line into what is so from then on."""
+    if "starved" in line or "sight" in line:
+        kind = "starved" if "starved" in line else "sight"
+        if line.get("starved", line.get("sight") == Contact.LOST.value):
+            holds[kind, line.get("of", "")] = line
+        else:
+            holds.pop((kind, line.get("of", "")), None)
+    elif "publishers" in line:
+        holds["publishers", line["of"]] = line
+
+
 class Recorded(NamedTuple):
     """What there is of one topic."""
 
@@ -175,10 +217,18 @@ class Recorded(NamedTuple):
     stamps: list[int]  # of messages that are not
 
 
-def write(file: Path, topics: Iterable[Recorded], since_ns: int, until_ns: int, about: bytes) -> list[str]:
+def write(
+    file: Path,
+    topics: Iterable[Recorded],
+    looks: Iterable[dict[str, Any]],
+    since_ns: int,
+    until_ns: int,
+    about: bytes,
+) -> list[str]:
     """Write a recording; return what is to be said of it. For a thread: it takes a while.
 
     Args:
+        looks: lines of the driver's recording.
         about: JSON that stands where it begins and ends.
 
     Raises:
@@ -207,6 +257,9 @@ def write(file: Path, topics: Iterable[Recorded], since_ns: int, until_ns: int, 
             notes.append(
                 f"recorded of {one.name}: {len(found)} of {len(times)} messages, of the others the time"
             )
+        looked = writer.register_channel(LOOKS, "json", 0)
+        # Behind the messages of their time: a lapse begins with the last one that was taken in.
+        messages += ((line["at"], looked, json.dumps(line).encode()) for line in looks)
         messages.sort(key=lambda message: message[0])
         for time_ns, number, data in messages:
             writer.add_message(number, time_ns, data, time_ns)

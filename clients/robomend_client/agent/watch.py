@@ -24,6 +24,7 @@ from robomend_client.beats import BEAT_NS, Lateness
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Contact, Driver, Observer, Verdict, ns
+from robomend_client.observers.listener import Listener
 from robomend_client.observers.recording import Recording
 
 log = logging.getLogger(__name__)
@@ -52,10 +53,12 @@ class Watch:
         lenient: Collection[Atom] = (),
         recording: tuple[Path, int] | None = None,
         seen: Callable[[str, int, object], None] | None = None,
+        listeners: Collection[Listener] = (),
     ) -> None:
         """
         Args:
-            seen: told of each sample: source, time, value; under no name, of seconds that nobody looked.
+            seen: told of each sample: source, time, value.
+            listeners: of the driver.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
 
         Raises:
@@ -69,7 +72,9 @@ class Watch:
         self._lateness, self._starved = Lateness(), False
         began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
-        self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
+        if self._recording is not None:
+            listeners = [*listeners, self._recording]
+        self.driver = Driver(observers, start_ns, lenient=lenient, listeners=listeners)
         self._looked = (start_ns, began)
 
     def read(self, reader: Reads, sources: Collection[str]) -> None:
@@ -173,8 +178,6 @@ class Watch:
                 log.debug("nobody looked for %.2f s", (at - before) / SECOND)
             drain_ns = min(max((now_ns - before_ns) // 10, DRAIN_NS), LONGEST_DRAIN_NS)
             self._tell(self.driver.lapse(now_ns + drain_ns))
-            if self._seen is not None:
-                self._seen("", now_ns, (now_ns - before_ns) / SECOND)
         return now_ns
 
     def _tell(self, changes: Sequence[Change]) -> None:

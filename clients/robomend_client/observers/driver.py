@@ -80,7 +80,7 @@ class Driver:
         *,
         lenient: Collection[Atom] = (),
         on_problem: Callable[[ObserverProblem], None] | None = None,
-        listener: Listener | None = None,
+        listeners: Collection[Listener] = (),
     ) -> None:
         """
         Args:
@@ -88,7 +88,7 @@ class Driver:
             start_ns: where time begins: now, or the first stamp of a log.
             lenient: atoms of which good news wins.
             on_problem: told once of each kind of problem; by default it goes to the log.
-            listener: told of everything that is taken in.
+            listeners: told of everything that is taken in.
         """
         self.now_ns = start_ns
         self.problems = ObserverProblems(on_problem)
@@ -98,7 +98,7 @@ class Driver:
         self._routes: dict[str, _Route] = {}
         # What came at one time of a log that is far from the time before it: one sample of each source.
         self._held: list[tuple[str, int, object]] = []
-        self._listener = listener
+        self._listeners = tuple(listeners)
         for state in self._states:
             for source in state.observer.sources:
                 self._routes.setdefault(source, _Route()).states.append(state)
@@ -168,8 +168,8 @@ class Driver:
             route.newest_ns = time_ns
         else:
             time_ns = route.newest_ns  # overtaken within its source
-        if self._listener is not None:
-            self._listener.sample(source, time_ns, value, now_ns)
+        for listener in self._listeners:
+            listener.sample(source, time_ns, value, now_ns)
         if route.lost_ns is not None and time_ns >= route.lost_ns:
             changes = [*changes, *self._looked(route, source, Contact.BACK)]
         for state in route.states:
@@ -245,8 +245,8 @@ class Driver:
         The first verdict on each atom after that carries `n`. Atoms that nobody here observes are ignored.
         """
         ours = [atom for atom in atoms if self._combined.speakers(atom)]
-        if self._listener is not None and ours:
-            self._listener.settle(self.now_ns, n, ours)
+        for listener in self._listeners if ours else ():
+            listener.settle(self.now_ns, n, ours)
         touched: dict[Atom, None] = {}
         for atom in ours:
             self._combined.settle(n, atom)
@@ -257,8 +257,8 @@ class Driver:
 
     def lapse(self, until_ns: int) -> Sequence[Change]:
         """Say that nobody has looked since the last event, nor will until `until_ns`: that is no silence."""
-        if self._listener is not None:
-            self._listener.lapse(self.now_ns, until_ns)
+        for listener in self._listeners:
+            listener.lapse(self.now_ns, until_ns)
         lost_ns = until_ns - self.now_ns
         touched: dict[Atom, None] = {}
         for state in self._states:
@@ -274,8 +274,8 @@ class Driver:
         for that.
         """
         changes = self.advance(now_ns)
-        if self._listener is not None:
-            self._listener.starved(self.now_ns, yes)
+        for listener in self._listeners:
+            listener.starved(self.now_ns, yes)
         for state in self._states:
             if isinstance(state.observer, Doubts):
                 state.observer.starved(yes, self.now_ns)
@@ -289,8 +289,8 @@ class Driver:
         if route is None or (sight is Contact.LOST and route.lost_ns is not None):
             return ()
         changes = self.advance(now_ns)
-        if self._listener is not None:
-            self._listener.sight(self.now_ns, source, sight)
+        for listener in self._listeners:
+            listener.sight(self.now_ns, source, sight)
         return [*changes, *self._looked(route, source, sight)]
 
     def publishers(self, source: str, nodes: Sequence[str], now_ns: int) -> Sequence[Change]:
@@ -299,8 +299,8 @@ class Driver:
         if route is None:
             return ()
         changes = self.advance(now_ns)
-        if self._listener is not None:
-            self._listener.publishers(self.now_ns, source, nodes)
+        for listener in self._listeners:
+            listener.publishers(self.now_ns, source, nodes)
         for state in route.states:
             if isinstance(state.observer, SeesPublishers):
                 state.observer.published_by(nodes, self.now_ns)
@@ -310,8 +310,8 @@ class Driver:
 
     def restart(self, now_ns: int) -> Sequence[Change]:
         """Begin anew at another time, before or after: all that was known is unknown from now on."""
-        if self._listener is not None:
-            self._listener.restart(now_ns)
+        for listener in self._listeners:
+            listener.restart(now_ns)
         self._held = []
         self.now_ns = now_ns
         for route in self._routes.values():

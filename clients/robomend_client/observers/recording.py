@@ -24,8 +24,37 @@ from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.listener import Listener
 
+LOOKS = "/robomend/looks"
+"""In a recording of messages (.mcap), the topic that has the lines that are no samples."""
 
-class Recording(Listener):
+
+class Looks(Listener):
+    """Writes down all that a driver takes in beside samples: whether, and at what, anybody looked."""
+
+    def write(self, line: dict[str, Any]) -> None:
+        """Take down a line."""
+        raise NotImplementedError
+
+    def lapse(self, now_ns: int, until_ns: int) -> None:
+        self.write({"lapse": until_ns, "at": now_ns})
+
+    def starved(self, now_ns: int, yes: bool) -> None:
+        self.write({"starved": yes, "at": now_ns})
+
+    def sight(self, now_ns: int, source: str, sight: Contact) -> None:
+        self.write({"sight": sight.value, "of": source, "at": now_ns})
+
+    def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:
+        self.write({"publishers": list(nodes), "of": source, "at": now_ns})
+
+    def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
+        self.write({"settle": n, "atoms": [[atom.predicate, *atom.args] for atom in atoms], "at": now_ns})
+
+    def restart(self, now_ns: int) -> None:
+        self.write({"restart": now_ns})
+
+
+class Recording(Looks):
     """Writes down what a driver takes in."""
 
     def __init__(self, file: Path, start_ns: int, most_bytes: int) -> None:
@@ -35,7 +64,7 @@ class Recording(Listener):
         """
         self._file = file.open("w", encoding="utf-8", buffering=1 << 16)
         self._left = most_bytes
-        self._write({"start": start_ns})
+        self.write({"start": start_ns})
 
     def sample(self, source: str, time_ns: int, value: object, now_ns: int) -> None:
         line: dict[str, Any] = {"source": source, "time": time_ns}
@@ -43,33 +72,15 @@ class Recording(Listener):
             line["at"] = now_ns
         if value is not None:
             line["value"] = value
-        self._write(line)
-
-    def lapse(self, now_ns: int, until_ns: int) -> None:
-        self._write({"lapse": until_ns, "at": now_ns})
-
-    def starved(self, now_ns: int, yes: bool) -> None:
-        self._write({"starved": yes, "at": now_ns})
-
-    def sight(self, now_ns: int, source: str, sight: Contact) -> None:
-        self._write({"sight": sight.value, "of": source, "at": now_ns})
-
-    def publishers(self, now_ns: int, source: str, nodes: Sequence[str]) -> None:
-        self._write({"publishers": list(nodes), "of": source, "at": now_ns})
-
-    def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
-        self._write({"settle": n, "atoms": [[atom.predicate, *atom.args] for atom in atoms], "at": now_ns})
-
-    def restart(self, now_ns: int) -> None:
-        self._write({"restart": now_ns})
+        self.write(line)
 
     def close(self, now_ns: int) -> None:
         """End the recording at this time; what is taken in after it is not in there."""
-        self._write({"end": now_ns})
+        self.write({"end": now_ns})
         self._left = 0
         self._file.close()
 
-    def _write(self, line: dict[str, Any]) -> None:
+    def write(self, line: dict[str, Any]) -> None:
         if self._left <= 0:
             return
         text = json.dumps(line, separators=(",", ":"), default=_plain) + "\n"

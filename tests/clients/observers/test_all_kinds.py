@@ -181,7 +181,7 @@ def test_a_recording_of_them_replayed_says_the_same_at_the_same_times(
 ) -> None:
     file: Path = tmp_path_factory.mktemp("recording") / "run.jsonl"
     recording = Recording(file, START_NS, 10**9)
-    driver = Driver(eight(), START_NS, listener=recording)
+    driver = Driver(eight(), START_NS, listeners=(recording,))
     live: list[Change] = []
     for now_ns, (source, time_ns, value) in stream(told):
         live += driver.sample(source, time_ns, value, now_ns)

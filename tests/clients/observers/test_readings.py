@@ -227,7 +227,8 @@ def bad_of(kind: str, folder: Path, listener: Listener | None = None) -> tuple[P
     file = folder / "agent.yaml"
     file.write_text(json.dumps({"observers": {name: {"kind": kind, **keys}}}))
     [spec] = read_observers(read(file), folder)
-    driver = Driver([spec.make()], ns(samples[0][0]), listener=listener)
+    listeners = () if listener is None else (listener,)
+    driver = Driver([spec.make()], ns(samples[0][0]), listeners=listeners)
     changes: list[Change] = []
     for at_s, source, value in samples:
         if isinstance(value, Publishers):

@@ -56,7 +56,7 @@ def test_a_recording_replayed_gives_the_same_literals_at_the_same_times(
     file = tmp_path_factory.mktemp("recording") / "run.jsonl"
     now_ns, n = ns(1000), 0
     recording = Recording(file, now_ns, 10**9)
-    driver = Driver(observers(), now_ns, listener=recording)
+    driver = Driver(observers(), now_ns, listeners=(recording,))
     live: list[Change] = []
     for what, wait_ms, behind_ms in happened:
         now_ns += wait_ms * 1_000_000
@@ -98,7 +98,7 @@ def test_a_recording_has_a_bound_and_says_that_it_is_full(tmp_path: Path) -> Non
 
 def test_what_is_taken_in_after_its_end_is_not_in_there(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "r", 0, 10_000)
-    driver = Driver(observers(), 0, listener=recording)
+    driver = Driver(observers(), 0, listeners=(recording,))
     driver.sample("scan", 5)
     recording.close(7)
     driver.sample("scan", 9)  # of a bridge that is still putting things away
