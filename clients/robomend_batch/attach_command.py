@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from robomend.cli.interrupts import Interrupts
     from robomend.cli.stage import Stage
     from robomend_client.bridges.hearing import Hearing
-    from robomend_client.ros_graph import Heard, HeardDevice, Table
+    from robomend_client.ros_graph import Heard, HeardDevice, Table, UsualRate
 
 FROM_ENVIRONMENT = "environment"
 """The value of --ros1 and --ros2 without one."""
@@ -175,7 +175,7 @@ def command(
     if sum(one is not None for one in (ros1, ros2, zenoh)) + bool(bags) > 1:
         raise click.UsageError("give one of --ros1, --ros2, --zenoh and --bag")
     folder = folder or Path(name or "robot")
-    known = _robot_of(folder)
+    known = _said(folder, "robot")
     if known and name and name != known:
         raise InputError(f"{folder} has the files of {known!r}, not of {name!r}: name another folder")
     robot = known or name or folder.resolve().name
@@ -217,6 +217,9 @@ class _Attached:
         self._began_s = time.monotonic()
         self._written: dict[str, str] = {}  # file -> what we wrote
         self._loading: Any = None  # the agent's process, which loads what it needs while we listen
+        self._asked = ""  # whether bounds get tighter: a question of the model …
+        self._asked_of: dict[str, UsualRate] = {}  # … by what the agent had heard then
+        self._ask_at_s = 0.0  # when it has heard so much, it is asked again
 
     def run(self) -> None:
         """Find, listen, write, start, watch; until a signal comes."""
@@ -234,6 +237,7 @@ class _Attached:
             if wanted.url is None:  # it loads while we listen
                 service = start_service(_free_port(wanted.folder))
             found, heard = asyncio.run(self._listen(stage))
+            heard = replace(heard, usual=usual_of(wanted.folder))
             if service is not None:
                 try:
                     url = str(stage.announced(service, SERVICE_S)["url"])
@@ -265,6 +269,7 @@ class _Attached:
             port = _known_port(folder) if detached.runs(service) else _free_port(folder)
             port = port or _any_port()
         _, heard = asyncio.run(self._listen(None))
+        heard = replace(heard, usual=usual_of(folder))
         url = wanted.url or f"http://127.0.0.1:{port}"
         self._written = _write(wanted, heard, url)
         said = {name: os.environ[name] for name in VARIABLES if os.environ.get(name)}
@@ -469,16 +474,55 @@ class _Attached:
                             new = sorted(more.graph.nodes - heard.graph.nodes)
                             click.echo(f"joined: {', '.join(node.removeprefix('/') for node in new)}")
                             heard = more
-                            self._written = _write(
-                                replace(self.wanted, update=True), heard, url, quietly=True
-                            )
-                            stage.end(agent)
-                            self._put(url)
-                            agent = self._start_agent(stage)
+                            agent = self._anew(stage, agent, heard, url)
+                        usual = self._usual(heard, client)
+                        if usual:
+                            heard = replace(heard, usual=usual)
+                            agent = self._anew(stage, agent, heard, url)
+                            click.echo("tighter bounds are taken over, as was answered on the page")
                     await asyncio.sleep(LOOK_S)
         finally:
             listening.cancel()
             await asyncio.gather(listening, return_exceptions=True)
+
+    def _anew(self, stage: Stage, agent: Any, heard: Heard, url: str) -> Any:
+        """Write the files anew, and begin with them; return the new agent."""
+        self._written = _write(replace(self.wanted, update=True), heard, url, quietly=True)
+        stage.end(agent)
+        self._put(url)
+        return self._start_agent(stage)
+
+    def _usual(self, heard: Heard, client: Any) -> dict[str, UsualRate]:
+        """Ask on the page whether bounds get tighter by what the agent heard since; return that once somebody
+        has said yes, and nothing before.
+        """
+        from robomend.cli.init.described import model_file
+        from robomend.model.answers import answers_of, asking
+        from robomend.model.from_graph import TIGHTER, first_model, tighter_question
+
+        usual = usual_of(self.wanted.folder)
+        longest_s = max((one.seconds for one in usual.values()), default=0.0)
+        file = self.wanted.folder / model_file(self.wanted.name)
+        if not self._unchanged():
+            return {}
+        text = file.read_text("utf-8")
+        said = {asked: answer for asked, answer in answers_of(text).others.items() if TIGHTER in asked}
+        if self._asked in said:
+            self._asked = ""
+            return self._asked_of if said.popitem()[1] == "yes" else {}
+        if said or self._asked or longest_s < self._ask_at_s:
+            return {}
+        self._ask_at_s = 2 * longest_s
+        self._asked = tighter_question(first_model(heard, self.wanted.name), usual)
+        self._asked_of = usual
+        if self._asked:
+            click.echo(f"asked on the page: {self._asked}")
+            text = asking(text, self._asked)
+            _replace(file, text)
+            self._written[file.name] = text
+            stored = client.model(self.wanted.name)
+            client.put_model(self.wanted.name, text, version=str(stored.version))
+        return {}
 
     def _unchanged(self) -> bool:
         """Whether the files are as we wrote them: those that a person has changed are the person's."""
@@ -687,8 +731,8 @@ def joined(before: Heard, now: Heard, seconds: float) -> Heard | None:
 # --- files ------------------------------------------------------------------------------------------------
 
 
-def _robot_of(folder: Path) -> str | None:
-    """Return the robot whose files a folder has."""
+def _said(folder: Path, key: str) -> str | None:
+    """Return what a folder's agent.yaml says under a key, if there is a word."""
     file = folder / "agent.yaml"
     if not file.exists():
         return None
@@ -699,8 +743,15 @@ def _robot_of(folder: Path) -> str | None:
         tree = read_tree(file.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, YamlError) as error:
         raise InputError(f"{file}: {error}") from error
-    named = tree.items.get("robot") if isinstance(tree, Tree) else None
-    return named.text if isinstance(named, Scalar) else None
+    found = tree.items.get(key) if isinstance(tree, Tree) else None
+    return found.text if isinstance(found, Scalar) else None
+
+
+def usual_of(folder: Path) -> dict[str, UsualRate]:
+    """Return what the folder's agent wrote down of its topics; nothing, where there was none."""
+    from robomend_client.agent.usual import FILE, read_usual
+
+    return read_usual(folder / (_said(folder, "state_dir") or "robomend-agent-state") / FILE)
 
 
 def _url(wanted: Wanted) -> str:
@@ -743,7 +794,8 @@ def _free_port(folder: Path) -> int:
 
 
 def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> dict[str, str]:
-    """Write the robot's files, and show what would change of those that are there; return what was written.
+    """Write the robot's files, and show what would change of those that are there; return what they say now;
+    nothing, where one of them says something else.
 
     Raises:
         InputError: what was heard makes no model, or a file cannot be written.
@@ -758,7 +810,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     said = Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus, policy="observe")
     texts = files_of(said)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
-    written = {}
+    written, others = {}, False
     try:
         for name, text in texts.items():
             path = wanted.folder / name
@@ -767,21 +819,25 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
             if old is not None and name == model_file(wanted.name):
                 text = with_answers(text, answers_of(old))
             new = text if old is None else settled(old, text)
-            if old == new or (old is not None and name.startswith("schemas/")):
+            if name.startswith("schemas/"):
+                if old is None:
+                    _replace(path, new)
+                continue
+            written[name] = new
+            if old == new:
                 continue
             if old is not None:
                 if not quietly:
                     _show_diff(path, old, new)
                 if not wanted.update:
+                    others = True
                     continue
             _replace(path, new)
-            if not name.startswith("schemas/"):
-                written[name] = new
-                if not quietly:
-                    click.echo(f"wrote {path}", err=True)
+            if not quietly:
+                click.echo(f"wrote {path}", err=True)
     except OSError as error:
         raise InputError(f"{error.filename} cannot be written: {error.strerror}") from error
-    return written
+    return {} if others else written
 
 
 def _replace(path: Path, text: str) -> None:

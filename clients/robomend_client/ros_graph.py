@@ -100,6 +100,18 @@ class HeardTopic:
         return median(gaps) / 1e9 if gaps else 0.0
 
 
+@dataclass(frozen=True)
+class UsualRate:
+    """How a topic came to an agent while all was well."""
+
+    window: int  # messages that a rate is of
+    count: int = 0  # messages
+    seconds: float = 0.0
+    longest_s: float = 0.0  # between two messages
+    slowest_hz: float = 0.0  # of windows; 0: there was none
+    fastest_hz: float = 0.0
+
+
 class Ear:
     """Takes in the messages of one topic; of their times no more than MOST_STAMPS are kept."""
 
@@ -168,6 +180,7 @@ class Heard:
     remarks: tuple[str, ...] = ()  # what else people should know
     origin: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ros1 or ros2, with its keys
     devices: Mapping[str, HeardDevice] = field(default_factory=dict)  # by what it calls itself
+    usual: Mapping[str, UsualRate] = field(default_factory=dict)  # topic, without its slash -> since then
     launched: Mapping[str, str] = field(
         default_factory=dict
     )  # nodes of launch files -> what they say of each

@@ -13,12 +13,12 @@ from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
 from robomend.model.checking import check
-from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady
+from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady, tighter
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend_client.literals import Literal, fails, holds
 from robomend_client.observers.rate import Rate
-from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, lasting_name
+from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, UsualRate, lasting_name
 
 ROBOT = RosGraph(
     publishers={
@@ -186,6 +186,33 @@ def test_the_bounds_are_those_of_the_plain_rule(rate_hz: float, gap_s: float) ->
     assert found.silence_s == pytest.approx(max(1, 10 / topic.rate_hz, 3 * topic.longest_s))
     assert found.tolerance_hz >= 0.4 * topic.rate_hz * 0.999
     Rate(found.rate_hz, found.tolerance_hz, found.window, found.silence_s, settle=found.settle)
+
+
+@given(
+    rate_hz=st.floats(0.2, 60),
+    hours=st.floats(0, 100),
+    slow=st.floats(0.3, 1),
+    fast=st.floats(1, 3),
+    longest=st.floats(1, 20),
+)
+def test_a_long_time_makes_bounds_tighter_never_wider_and_what_was_usual_stays_within(
+    rate_hz: float, hours: float, slow: float, fast: float, longest: float
+) -> None:
+    topic = came(rate_hz, 60)
+    found = steady(topic, topic.last_ns)
+    assert isinstance(found, SteadyTopic)
+    rate = found.rate_hz
+    usual = UsualRate(found.window, 1, hours * 3600, longest / rate, slow * rate, fast * rate)
+    new = tighter(found, usual)
+    if hours < 1:
+        assert new == found
+    assert new.silence_s <= found.silence_s
+    assert new.tolerance_hz <= found.tolerance_hz
+    assert new.above_hz <= found.above_hz
+    assert new.silence_s >= min(found.silence_s, 3 * usual.longest_s)
+    assert new.tolerance_hz >= min(found.tolerance_hz, rate - usual.slowest_hz)
+    assert new.above_hz >= min(found.above_hz, usual.fastest_hz - rate)
+    Rate(rate, new.tolerance_hz, new.window, new.silence_s, settle=new.settle, pause_s=new.pause_s)
 
 
 def test_an_output_whose_intervals_are_those_of_an_input_follows_it() -> None:

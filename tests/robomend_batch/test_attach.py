@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import json
 import os
 import re
 import shutil
@@ -15,6 +17,7 @@ from typing import Any
 
 import httpx
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from tests.blocks import BLOCKS
@@ -258,6 +261,46 @@ def test_a_robot_with_ros_1_is_watched_and_what_comes_later_joins(tmp_path: Path
     text = (tmp_path / "rover" / "rover.yaml").read_text()
     assert "\n  late:" in text
     assert "\n  later: {rate_hz:" in text
+
+
+def test_what_the_agent_hears_for_long_makes_bounds_tighter_once_a_person_says_so(tmp_path: Path) -> None:
+    with ros1_robot(tmp_path) as ros:
+        ros.node("lidar_driver").do("publish", topic="/scan", type="std_msgs/String", rate=20)
+        with attached(tmp_path, ros.master.environment, *README) as attach:
+            attach.until_said(r"\bhealthy$")
+            file = tmp_path / "robot" / "agent.yaml"
+            before = watched(file)
+            assert before["silence_s"] == 1.0
+            heard = {"window": before["window"], "count": 144_000, "seconds": 7200.0}
+            rates = {"longest_s": 0.08, "slowest_hz": 19.0, "fastest_hz": 20.5}
+            usual = file.parent / "robomend-agent-state" / "usual.json"
+
+            def asked() -> bool:
+                usual.write_text(json.dumps({"scan": heard | rates}))  # as after two hours of its own
+                return "asked on the page" in attach.said
+
+            until(asked, "it asks", MOST_S)
+            question = attach.until_said("^asked on the page: ").removeprefix("asked on the page: ")
+            assert "scan: silence after 0.35 s, now 1 s" in question
+            assert watched(file) == before
+            page = attach.until_said("^the page: ").removeprefix("the page: ")
+            assert question in html.unescape(httpx.get(page, timeout=60).text)
+            answer(page, question, "yes")
+            attach.until_said("^tighter bounds are taken over")
+            assert watched(file)["silence_s"] == pytest.approx(0.35, abs=0.01)
+            assert watched(file)["tolerance_hz"] < before["tolerance_hz"] / 2
+            until(lambda: re.search(r"taken over[^$]*\) healthy\n", attach.said), attach.said, MOST_S)
+            ros.nodes["lidar_driver"].do("hush", topic="/scan")
+            attach.until_said(r"unhealthy: lidar_driver$")
+    model = (tmp_path / "robot" / "robot-model.yaml").read_text()
+    assert "tighter" not in model  # its numbers say so now
+    assert "in 2 h since: longest 80 ms" in model
+
+
+def watched(file: Path) -> dict[str, Any]:
+    """Return what an agent's file says of the rate of /scan."""
+    topics: dict[str, dict[str, Any]] = yaml.safe_load(file.read_text())["topics"]
+    return topics["scan"]
 
 
 SYSTEMCTL = """#!{python}

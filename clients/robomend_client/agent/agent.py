@@ -30,6 +30,7 @@ from robomend_client.agent.planted import PlantedFaults, TopicFaults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
 from robomend_client.agent.usage import PERIOD_S, Usage
+from robomend_client.agent.usual import Usual
 from robomend_client.agent.watch import Watch
 from robomend_client.beats import until_beat_s
 from robomend_client.buffer import DiskBuffer
@@ -91,17 +92,21 @@ class Agent:
                 reporter.report(changes)
                 if config.moments.keep:
                     moments.changed(changes)
+                usual.changed(changes)
                 for bridge in bridges:
                     bridge.changed(changes)
 
+            observers = [spec.make() for spec in config.observers]
+            usual = Usual(config.state_dir, observers)
+            stack.callback(usual.write)
             watch = Watch(
-                [spec.make() for spec in config.observers],
+                observers,
                 clock,
                 on_changes,
                 config.lenient,
                 config.recording,
                 moments.sample if config.moments.keep else None,
-                [moments.ring] if config.moments.keep else [],
+                [usual, moments.ring] if config.moments.keep else [usual],
             )
             for feed, sources in config.feeds:
                 if isinstance(feed, Reads):
@@ -159,7 +164,8 @@ class Agent:
                     )
                 )
             send_moments = moments.send(orders, lambda: reporter.quiet)
-            await self._work(supervisor, watch, reporter, actions, planted, moments.run(), send_moments)
+            beside = moments.run(), send_moments, usual.run()
+            await self._work(supervisor, watch, reporter, actions, planted, *beside)
             await reporter.flush()
 
     async def _work(
@@ -169,7 +175,7 @@ class Agent:
         reporter: VerdictReporter,
         actions: Actions,
         planted: PlantedFaults,
-        *moments: Coroutine[Any, Any, None],
+        *beside: Coroutine[Any, Any, None],
     ) -> None:
         work = {
             "observers": watch.run(),
@@ -180,7 +186,7 @@ class Agent:
             "planted faults": planted.run(),
         }
         tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
-        tasks += [asyncio.create_task(part, name="moments") for part in moments]
+        tasks += [asyncio.create_task(part, name="moments and what is usual") for part in beside]
         tasks += [asyncio.create_task(_fed(feed, sources, watch)) for feed, sources in self.config.feeds]
         self.ready.set()
         log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)

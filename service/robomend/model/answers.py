@@ -20,7 +20,16 @@ from dataclasses import dataclass, field
 
 from robomend.errors import InputError
 from robomend.model.component_yaml import MAX_NAME
-from robomend.model.from_graph import DRIVES, LISTENED, QUESTIONS, comment, device_question, slug, word
+from robomend.model.from_graph import (
+    DRIVES,
+    LISTENED,
+    QUESTIONS,
+    TIGHTER,
+    comment,
+    device_question,
+    slug,
+    word,
+)
 
 NODE = re.compile(r'  (?P<name>"(?:[^"\\]|\\.)+"|[^\s"#:][^\s:]*):')
 ANSWER = re.compile(r"#   (?P<asked>.+\?)(?: (?P<answer>\S.*))?\Z")
@@ -86,6 +95,14 @@ def answers_of(text: str) -> GivenAnswers:
     return GivenAnswers(drives, devices, {asked: answer for asked, answer in _asked(lines) if answer})
 
 
+def asking(text: str, question: str) -> str:
+    """Return a text that asks this as well: by yes or no."""
+    lines = text.rstrip("\n").split("\n")
+    if not any(line.startswith(QUESTIONS) for line in lines):
+        lines += ["", f"{QUESTIONS}the agent raised:"]
+    return "\n".join([*lines, f"#   {comment(question)}", ""])
+
+
 def with_answers(text: str, answers: GivenAnswers) -> str:
     """Return a text with answers, where it has their questions; the rest of the answers is left out."""
     lines = text.split("\n")
@@ -130,7 +147,8 @@ def answered(text: str, question: str, answer: str) -> str:
     if question in asked.others:
         if answer not in WORDS:
             raise InputError("answer by yes or no")
-        return with_answers(text, GivenAnswers(others={question: AGAIN if answer == "no" else answer}))
+        again = answer == "no" and TIGHTER not in question
+        return with_answers(text, GivenAnswers(others={question: AGAIN if again else answer}))
     if (arrow := ARROW.fullmatch(question)) and asks_of_arrow(text, arrow["topic"], arrow["input"]):
         if answer not in WORDS:
             raise InputError("answer by yes or no")

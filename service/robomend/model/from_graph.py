@@ -6,8 +6,8 @@
     topics of ROS itself, of actions, of several publishers → left out, and listed at the end
 
 So it serves ROS 1, ROS 2, recordings and graphs of which nothing was heard; whoever made the value knows
-where it is from. What was heard for a minute has plain bounds (`steady`); hours of logs have learned ones
-(`robomend-batch learn`).
+where it is from. What was heard for a minute has plain bounds (`steady`), which what an agent heard since may
+make tighter (`tighter`); hours of logs have learned ones (`robomend-batch learn`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from robomend.model.component_yaml import MAX_NAME
 from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.counts import counted
 from robomend_client.literals import PLAIN_NAME, holds
-from robomend_client.ros_graph import Heard, HeardTopic, RosGraph, Table
+from robomend_client.ros_graph import Heard, HeardTopic, RosGraph, Table, UsualRate
 
 TOOLS = (
     *("/rosout", "/robomend*", "/record_*", "/play_*", "/rostopic_*", "/rosservice_*", "/rqt_*", "/rqt"),
@@ -104,6 +104,19 @@ MOST_LOGS = 100
 
 STILL_S, STILL_INTERVALS = 4.0, 20
 """A value that has noise stands still when it is the same for so long."""
+
+USUAL_S = 3600.0
+"""From so much of a topic on that was well, its bounds may be tighter than a first minute says."""
+
+ALIKE_WINDOWS = (0.8, 1.2)
+"""Of the window: rates of others say nothing of it."""
+
+LEAST_SILENCE_S, LEAST_INTERVALS = 0.35, 5
+BEYOND = 0.1
+WORTH = 0.2
+"""It is asked for no less than a bound that is tighter by so much."""
+
+TIGHTER = "of listening allow tighter bounds"
 
 LISTENED = "It was made by listening for {} s"
 DRIVES = "    # drives: []"
@@ -207,6 +220,56 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
     )
 
 
+def tighter(steady: SteadyTopic, usual: UsualRate) -> SteadyTopic:
+    """Return the bounds that a long time allows, no wider than they were; the same where it was too short."""
+    alike = ALIKE_WINDOWS[0] * steady.window <= usual.window <= ALIKE_WINDOWS[1] * steady.window
+    if usual.seconds < USUAL_S or not alike or not usual.slowest_hz:
+        return steady
+    rate_hz = steady.rate_hz
+    silence_s = max(LEAST_SILENCE_S, LEAST_INTERVALS / rate_hz, SILENCE_GAPS * usual.longest_s)
+    silence_s = min(steady.silence_s, silence_s)
+    # Beyond what was ever seen by half of how far that strayed, and a tenth of the rate.
+    lowest_hz = usual.slowest_hz - (rate_hz - usual.slowest_hz) / 2 - BEYOND * rate_hz
+    highest_hz = usual.fastest_hz + (usual.fastest_hz - rate_hz) / 2 + BEYOND * rate_hz
+    why = (
+        f"{steady.why}; in {_long(usual.seconds)} since: longest {_s(usual.longest_s)}, "
+        f"windows {usual.slowest_hz:.3g} to {usual.fastest_hz:.3g} Hz"
+    )
+    return replace(
+        steady,
+        tolerance_hz=min(steady.tolerance_hz, max(BEYOND * rate_hz, rate_hz - lowest_hz)),
+        above_hz=min(steady.above_hz, max(BEYOND * rate_hz, highest_hz - rate_hz)),
+        silence_s=silence_s,
+        pause_s=steady.pause_s if steady.pause_s is not None and steady.pause_s < silence_s else None,
+        why=why,
+    )
+
+
+def tighter_question(first: FirstModel, usual: Mapping[str, UsualRate]) -> str:
+    """Return what is asked of a person before bounds get tighter by what an agent heard; nothing: none do."""
+    found = {
+        topic: (steady, new)
+        for topic, steady in first.watched.items()
+        if topic in usual
+        and (new := tighter(steady, usual[topic])) is not steady
+        and (
+            new.silence_s < (1 - WORTH) * steady.silence_s
+            or new.tolerance_hz < (1 - WORTH) * steady.tolerance_hz
+            or new.above_hz < (1 - WORTH) * steady.above_hz
+        )
+    }
+    if not found:
+        return ""
+    topic, (old, new) = max(found.items(), key=lambda one: one[1][0].silence_s / one[1][1].silence_s)
+    more = f", and of {len(found) - 1} more" if len(found) > 1 else ""
+    said = f"{topic}: silence after {new.silence_s:.2g} s, now {old.silence_s:.2g} s"
+    return f"{_long(max(one.seconds for one in usual.values()))} {TIGHTER} ({said}{more}): write them?"
+
+
+def _long(seconds: float) -> str:
+    return f"{seconds / 3600:.0f} h" if seconds >= 3600 else f"{seconds / 60:.0f} min"
+
+
 def _extremes(stamps: tuple[int, ...], window: int, pause_s: float) -> tuple[float, float] | None:
     """Return the slowest and the fastest rate of windows of so many messages, in which longer intervals count
     as a pause; None: there is no such window.
@@ -271,7 +334,12 @@ class _Draft:
             raise InputError(f"{heard.source}: there is no node of the robot's own{beside}")
         self.topics = self._topics(gone)
         found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
-        self.steady = {topic: one for topic, one in found.items() if isinstance(one, SteadyTopic)}
+        usual = {f"/{topic}": one for topic, one in heard.usual.items()}
+        self.steady = {
+            topic: tighter(one, usual[topic]) if topic in usual else one
+            for topic, one in found.items()
+            if isinstance(one, SteadyTopic)
+        }
         self.why_not = {topic: one for topic, one in found.items() if isinstance(one, str)}
         self.asked: list[str] = []
         self.gone = gone
