@@ -287,7 +287,7 @@ async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> N
 
 
 async def waits_for_the_base(runtime: Runtime) -> None:
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(240):
         while True:
             repairs = await runtime.repairs.repairs("r1", before=None, limit=1)
             if any("base has booted" in str(one["reason"]) for one in repairs):

@@ -10,10 +10,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+import xmlrpc.client
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from xmlrpc.server import SimpleXMLRPCServer
 
 import httpx
 import pytest
@@ -30,6 +33,7 @@ from tests.ros1 import robot as ros1_robot
 from tests.ros2 import Ros2Robot
 from tests.ros2 import robot as ros2_robot
 from tests.waiting import until
+from tests.wrong_clock import WrongClock
 from tests.zenoh_robot import robot as zenoh_robot
 
 from robomend.cli.commands import run
@@ -295,6 +299,49 @@ def test_what_the_agent_hears_for_long_makes_bounds_tighter_once_a_person_says_s
     model = (tmp_path / "robot" / "robot-model.yaml").read_text()
     assert "tighter" not in model  # its numbers say so now
     assert "in 2 h since: longest 80 ms" in model
+
+
+ODD = ("no", "1e3", "null", "a: b", "'q", "#c", "ünder", "- x")
+"""Names that YAML takes for something else; a master takes any."""
+
+
+def test_500_nodes_odd_names_what_is_broken_already_and_a_clock_that_jumps_are_no_fault(
+    tmp_path: Path,
+) -> None:
+    """What was broken already while it was listened to is asked."""
+    kind = "std_msgs/String"
+    clock = WrongClock(tmp_path)
+    with ros1_robot(tmp_path) as ros, SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as others:
+        others.register_function(lambda caller: [1, "", os.getpid()], "getPid")
+        threading.Thread(target=others.serve_forever, daemon=True).start()
+        uri = f"http://127.0.0.1:{others.server_address[1]}/"
+        ros.node("lidar_driver").do("publish", topic="/scan", type=kind, rate=20)
+        camera = ros.node("camera")
+        camera.do("publish", topic="/image", type=kind, rate=20)
+        with xmlrpc.client.ServerProxy(ros.master.uri) as master:
+            for name in (*ODD, *(f"node{number}" for number in range(500))):
+                master.registerPublisher(f"/{name}", f"/{name}/state", kind, uri)
+        around = {**ros.master.environment, "PYTHONPATH": clock.environment["PYTHONPATH"]}
+        with attached(tmp_path, around, *README) as attach:
+            attach.until_said(r"^listening, .* 5\d\d nodes, ")
+            clock.set(3600)
+
+            def written() -> bool:
+                camera.do("log", level="error", text="no frame")
+                return "wrote robot/agent.yaml" in attach.said
+
+            until(written, "it is listened to the end", MOST_S)
+            attach.until_said(r"\) (healthy|partly-unknown)$")
+            clock.set(-3600)
+            until(lambda: re.search(r"known\n.*known\n|healthy\n", attach.said), "it goes on", MOST_S)
+            assert "unhealthy" not in attach.said
+            assert attach.end() == 0
+        others.shutdown()
+    text = (tmp_path / "robot" / "robot-model.yaml").read_text()
+    parts = load_text(text).parts
+    assert parts is not None
+    assert {"lidar_driver", "camera", "node499", "no", "1e3"} <= set(parts.nodes)
+    assert re.search(r"#   camera logged \d+ errors: was it well\?", text)
 
 
 def watched(file: Path) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: P
             robot.origin: robot.section,
             "topics": {"scan": rate, "image": rate},
             "observers": {"temperature": hot},
-            "moments": {"record": True, "before_s": 5, "after_s": 2, "memory_mb": 1, "per_hour": 3600},
+            "moments": {"record": True, "before_s": 20, "after_s": 2, "memory_mb": 1, "per_hour": 3600},
         }
         file = config(tmp_path, service.url, {}, **sections)
         with agent(file):
@@ -71,8 +71,8 @@ def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: P
             laser.do("publish", topic="/scan", type="std_msgs/String", value={"data": "s"}, rate=10)
             eventually(lambda: GOOD.items() <= service.holds().items(), "all is well", 120)
             eventually(lambda: not list(folder.glob("*")), "no moment is open, or waits")
-            well_ns = time.time_ns() + 5 * SECOND
-            eventually(lambda: time.time_ns() > well_ns, "it is well for long")
+            well_ns = time.time_ns() + 20 * SECOND
+            eventually(lambda: time.time_ns() > well_ns, "all that is recorded is well", 60)
             began_ns = time.time_ns()
             laser.do("hush", topic="/scan")
             eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)", 60)
@@ -93,7 +93,7 @@ def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: P
     for one in found:
         for text in one["observations"] if one["start_ns"] > began_ns else ():  # a busy node may have paused
             shown.setdefault(text, one["start_ns"])
-    assert {text: at for text, at in shown.items() if text.startswith("not ")} == held
+    assert {text: at for text, at in shown.items() if text.startswith("not ")} == about(held)
     states = [(one["state"], one["bad"]) for one in found]
     assert states[-1] == ("faulty", [["laser"]])
     assert states[-2] == ("healthy", [[]])
@@ -231,7 +231,7 @@ def test_of_a_moment_of_each_kind_of_evidence_the_batch_says_what_the_robot_said
         sections: dict[str, Any] = {
             robot.origin: robot.section,
             "observers": {atom: {"from": origin, **keys} for atom, (keys, _, _) in plants.items()},
-            "moments": {"record": True, "before_s": 4, "after_s": 2, "per_hour": 3600},
+            "moments": {"record": True, "before_s": 20, "after_s": 2, "per_hour": 3600},
         }
         file = config(tmp_path, service.url, {}, **sections)
 
@@ -276,10 +276,17 @@ def test_of_a_moment_of_each_kind_of_evidence_the_batch_says_what_the_robot_said
                 }
                 held = said_live(service, began_ns)
                 assert list(held) == [f"not {atom}"]
-                assert {text: at for text, (at, _) in found.items()} == held
+                assert {text: at for text, (at, _) in found.items()} == about(held)
                 assert [(one["literal"], one["reading"]) for one in moment["literals"]] == [
                     (text, reading) for text, (_, reading) in found.items()
                 ]
+
+
+def about(times: dict[str, int]) -> dict[str, Any]:
+    """Return times for comparison: a message that waits in a socket of a busy computer is judged later on the
+    robot than in the recording, where it stands when it came.
+    """
+    return {text: pytest.approx(at_ns, rel=0, abs=SECOND / 4) for text, at_ns in times.items()}
 
 
 def said_live(service: ServiceDouble, began_ns: int) -> dict[str, int]:

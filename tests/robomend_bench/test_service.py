@@ -174,7 +174,7 @@ def test_a_broken_connection_is_told_to_all_who_wait() -> None:
 
 
 def test_the_stop_is_measured_while_every_role_attacks() -> None:
-    small = ["--seconds", "1", "--attackers", "4"]
+    small = ["--seconds", "5", "--attackers", "4"]
     answer = CliRunner().invoke(command, ["--only", "stop-under-attack", "--format", "json", *small])
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.stdout)["stop-under-attack"]

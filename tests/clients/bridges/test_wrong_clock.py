@@ -24,7 +24,7 @@ def test_a_clock_that_is_set_stops_no_node_and_silences_no_topic(
         (tmp_path / whose).mkdir()
         clocks[whose] = WrongClock(tmp_path / whose)
     with monkeypatch.context() as there:
-        for name, value in clocks["robot"].environment.items() if "robot" in clocks else ():
+        for name, value in clocks["robot"].native.items() if "robot" in clocks else ():
             there.setenv(name, value)
         laser = robot.node("laser")
     laser.do("publish", topic="/scan", type="std_msgs/String", rate=10)

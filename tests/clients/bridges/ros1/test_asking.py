@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.ros1 import Robot
+from tests.waiting import until
 
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
 from robomend_client.agent.executors.ros_programs import ParameterChange
@@ -106,11 +107,13 @@ def test_services_are_asked_and_their_answers_understood_and_who_is_not_meant_is
         "switch", {"arm": "/arm/switch", "leg": "/leg/switch"}, switch, request, {"to": ["slow"]}, SWITCH
     )
     assert do(ros1, own, "arm", "slow").code == OK
+    until(lambda: len(node.heard) == 5, "its line, which comes beside its answer")
     assert node.heard[-1]["value"]["start_controllers"] == ["slow"]
     assert node.heard[-1]["value"]["strictness"] == 2
     assert "answered ok: false" in do(ros1, own, "leg", "slow").message
     assert [line["value"] for line in node.heard][2] == {"data": True}
-    asked = len(node.heard)
+    asked = 6
+    until(lambda: len(node.heard) == asked, "its line")
     missing = call("/nothing", "std_srvs/Trigger")
     assert missing == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
     other = "/power is of type std_srvs/SetBool, not std_srvs/Trigger; it was not asked"

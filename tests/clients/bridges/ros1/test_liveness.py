@@ -153,7 +153,7 @@ def test_a_node_that_answers_late_runs_and_one_that_never_answers_is_frozen(ros1
             await asyncio.to_thread(register, name, server.sockets[0].getsockname()[1])
         async with listening(ros1, "nodes") as heard:
             await heard.runs({"slow": True, "deaf": False})
-            assert heard.why["deaf"]["why"].startswith("does not answer for 3")
+            assert heard.why["deaf"]["why"].startswith("does not answer for ")
             assert heard.why["deaf"]["symptom"] == "halted"
             for _ in range(3):
                 await asyncio.wait_for(answered.acquire(), 60)
