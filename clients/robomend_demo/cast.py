@@ -62,7 +62,6 @@ def agent_config(
     service_url: str,
     nodes_file: Path,
     state_dir: Path,
-    key_file: Path | None = None,
     agent: str = "onboard",
     start_nodes: bool = False,
     spares: Mapping[str, str] | None = None,
@@ -77,14 +76,11 @@ def agent_config(
     """
     topics = {topic for node in model.nodes.values() for topic in node.publishes}
     expected = {name: model.topics.get(name) for name in sorted(topics)}
-    service: dict[str, str] = {"url": service_url}
-    if key_file is not None:
-        service["key_file"] = str(key_file)
     actions = {"switch_to_spare": _switch(nodes_file, spares)} if spares else {}
     return {
         "robot": robot,
         "agent": agent,
-        "service": service,
+        "service": {"url": service_url},
         "state_dir": str(state_dir),
         "report": {"heartbeat_s": 1.0, "lifetime_s": 5.0},
         "rate": {"window": 11, "settle": 5, "silence_s": 0.5, "check_s": 0.1},
