@@ -40,13 +40,6 @@ def test_ci_runs_what_a_developer_runs_on_every_python_that_is_promised() -> Non
     assert "./dev check" in (ROOT / ".ci" / "run").read_text()
 
 
-def test_each_hook_before_a_commit_is_a_step_of_the_checks() -> None:
-    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
-    tools = {hook["entry"].split()[0].removeprefix(".venv/bin/") for hook in hooks}
-    dev = (ROOT / "dev").read_text()
-    assert {tool for tool in tools if f"/bin/{tool}" not in dev} == set()
-
-
 def test_the_client_is_tested_on_every_python_that_it_promises() -> None:
     project = tomllib.loads((ROOT / "clients" / "pyproject.toml").read_text())["project"]
     promised = [line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line]
@@ -80,8 +73,3 @@ def test_every_check_that_is_silenced_has_its_reason_beside_it() -> None:
         if file != Path(__file__)
         for number in unexplained(file.read_text(encoding="utf-8"))
     ] == []
-
-
-def test_a_silenced_check_without_a_reason_is_found() -> None:
-    text = "a = 1  # type: ignore[misc]\nb = 2  # noqa: E731\nc = 3  # noqa: E731  # a reason\nd = 4\n"
-    assert unexplained(text) == [1, 2]

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import tomllib
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -133,62 +132,6 @@ def test_the_container_names_what_the_package_has() -> None:
 
 
 # --- the release
-
-
-def made_up(folder: Path, **texts: str) -> release.Release:
-    """Return a tree of two distributions that is ready, but for the texts given by name."""
-    files = {
-        "pyproject": '[project]\nversion = "1.2"\ndependencies = ["robomend-client == 1.2"]\n',
-        "client": '[project]\nversion = "1.2"\n',
-        "changes": "# Changelog\n\n## 1.2 (unreleased)\n",
-    } | texts
-    (folder / "clients").mkdir()
-    (folder / "pyproject.toml").write_text(files["pyproject"])
-    (folder / "clients" / "pyproject.toml").write_text(files["client"])
-    (folder / "CHANGELOG.md").write_text(files["changes"])
-    return release.Release(folder, folder, folder)
-
-
-def test_the_points_of_a_release_that_is_ready_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    points = {name: release.POINTS[name] for name in ("version", "changes")}
-    assert release.walk(made_up(tmp_path), points)
-    assert capsys.readouterr().out == "ok     version: 1.2\nok     changes: 1.2 (unreleased)\n"
-
-
-@pytest.mark.parametrize(
-    ("texts", "complaint"),
-    [
-        ({"client": '[project]\nversion = "1.1"\n'}, "version: robomend is 1.2, robomend-client 1.1"),
-        ({"pyproject": '[project]\nversion = "1.2"\ndependencies = []\n'}, "does not pin robomend-client"),
-        ({"changes": "## 1.1\n"}, "changes: CHANGELOG.md has no section of 1.2"),
-    ],
-)
-def test_what_is_amiss_before_a_release_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], texts: dict[str, str], complaint: str
-) -> None:
-    points = {name: release.POINTS[name] for name in ("version", "changes")}
-    assert not release.walk(made_up(tmp_path, **texts), points)
-    assert complaint in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("names", "complaint"),
-    [
-        ({"a-1.dist-info/METADATA": "Description-Content-Type: text/markdown\n\n# robomend\n"}, "no LICENSE"),
-        ({"a-1.dist-info/METADATA": "", "a-1.dist-info/licenses/LICENSE": ""}, "no README"),
-    ],
-)
-def test_a_wheel_without_licence_or_readme_is_amiss(
-    tmp_path: Path, names: dict[str, str], complaint: str
-) -> None:
-    wheel = tmp_path / "a.whl"
-    with zipfile.ZipFile(wheel, "w") as archive:
-        for name, text in names.items():
-            archive.writestr(name, text)
-    with pytest.raises(release.Amiss, match=complaint):
-        release.looked_into(wheel)
 
 
 def test_the_clients_licence_is_ours() -> None:

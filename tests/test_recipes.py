@@ -8,9 +8,7 @@ import re
 import shutil
 import subprocess
 import tomllib
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 
 import httpx
@@ -18,8 +16,6 @@ import pytest
 from tests.api.test_process import command, served
 from tests.distributions import install
 
-from robomend import security
-from robomend.api import routers
 from robomend.diagnosis import engines
 from robomend.diagnosis.engines import ENGINES
 from robomend.model import components as model_components
@@ -139,21 +135,6 @@ def test_what_comes_with_us_is_named_in_the_places_of_the_recipe_and_nowhere_els
         listed = {"robomend/diagnosis/engines.py", "robomend/planning/planners/__init__.py", registered}
         assert registered in found
         assert found <= listed
-
-
-def test_a_route_is_in_the_places_of_its_recipe() -> None:
-    recipe = (security.__doc__ or "").partition("To add a route:")[2]
-    assert re.findall(r"\b(\d)\. ", recipe) == ["1", "2", "3", "4"]
-    modules = [
-        import_module(f"{routers.__name__}.{module.name}") for module in iter_modules(routers.__path__)
-    ]
-    declared = [
-        (method, route.path)
-        for module in modules
-        for route in (module.router.routes if hasattr(module, "router") else ())
-        for method in route.methods
-    ]
-    assert sorted(declared) == sorted(security.RULES)
 
 
 KIND_MODEL = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import runpy
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -24,7 +23,6 @@ from robomend_client.events import Kind
 from robomend_client.observers.kinds import KINDS
 
 ROOT = Path(__file__).resolve().parents[1]
-HOOKS = ROOT / "docs" / "mkdocs_hooks.py"
 
 FETCHED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src")}
 NOT_FETCHED = {"canonical", "next", "prev"}
@@ -103,40 +101,3 @@ def test_every_page_of_the_repository_is_on_the_site(site: Path) -> None:
 def test_the_reference_has_what_the_code_has(site: Path, page: str, names: list[str]) -> None:
     text = re.sub(r"<[^>]+>", "", (site / "reference" / f"{page}.html").read_text(encoding="utf-8"))
     assert {name for name in names if name not in text} == set()
-
-
-def test_a_link_to_a_file_that_is_not_there_ends_the_build() -> None:
-    hooks = runpy.run_path(str(HOOKS))
-    link = hooks["LINK"].search("see [it](../service/robomend/nowhere.py)")
-    with pytest.raises(Exception, match=r"docs/agent.md: there is no service/robomend/nowhere.py"):
-        hooks["turned"](link, "docs/agent.md", "agent.md")
-
-
-@pytest.mark.parametrize(
-    ("text", "source", "uri", "turned"),
-    [
-        ("[a](docs/agent.md#actions)", "README.md", "index.md", "[a](agent.md#actions)"),
-        ("[deploy](deploy/README.md)", "docs/tutorial.md", "tutorial.md", "[deploy](deploy/README.md)"),
-        ("[h](../http.md)", "docs/deploy/README.md", "deploy/README.md", "[h](../http.md)"),
-        ("[`x`](../service/robomend/cycle.py)", "docs/design.md", "design.md", "`x`"),
-        ("[e](../examples/agent.yaml)", "docs/agent.md", "agent.md", "[e](examples/agent.yaml)"),
-        ("[s](../SECURITY.md)", "docs/security.md", "security.md", "[s](reporting.md)"),
-        ("[r](reference.py#http)", "docs/sovd.md", "sovd.md", "[r](reference/http.md)"),
-        ("[w](https://example.org/x)", "README.md", "index.md", "[w](https://example.org/x)"),
-    ],
-)
-def test_a_link_of_the_repository_becomes_one_of_the_site(
-    text: str, source: str, uri: str, turned: str
-) -> None:
-    hooks = runpy.run_path(str(HOOKS))
-    assert hooks["LINK"].sub(lambda link: hooks["turned"](link, source, uri), text) == turned
-
-
-def test_a_state_machine_is_a_table_of_its_arrows() -> None:
-    drawn = (
-        'stateDiagram-v2\n    [*] --> idle\n    state "under-way" as under_way\n    idle --> under_way : go\n'
-    )
-    assert runpy.run_path(str(HOOKS))["machine"](drawn).splitlines()[2:] == [
-        "| (begin) | idle |  |",
-        "| idle | under-way | go |",
-    ]

@@ -1,4 +1,4 @@
-"""State machines as tables: what has no row is refused, and a table can be drawn."""
+"""State machines as tables: what has no row is refused. What is drawn of them: test_drawn_docs.py."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 import pytest
 
 from robomend.errors import RobomendError
-from robomend.transitions import NoTransition, after, diagram
+from robomend.transitions import NoTransition, after
 
 
 class Door(StrEnum):
@@ -39,21 +39,3 @@ def test_what_has_no_row_is_refused_by_name_as_a_bug_of_ours() -> None:
         after(DOOR, Door.BRICKED_UP, Hand.PULLS)
     assert str(refused.value) == "Door bricked-up: PULLS (somebody pulls) cannot happen here"
     assert not isinstance(refused.value, RobomendError)  # nobody takes it for the world's doing
-
-
-def test_a_table_is_drawn_arrow_by_arrow() -> None:
-    assert diagram(DOOR, Door.OPEN).splitlines() == [
-        "stateDiagram-v2",
-        "    [*] --> open",
-        '    state "bricked-up" as bricked_up',
-        "    open --> shut : somebody pushes",
-        "    shut --> open : somebody pulls",
-        "    open --> bricked_up : a wall is built",
-        "    shut --> bricked_up : a wall is built",
-    ]
-
-
-def test_what_happens_to_all_of_a_group_alike_is_drawn_once() -> None:
-    lines = diagram(DOOR, Door.OPEN, together=("a door", (Door.OPEN, Door.SHUT))).splitlines()
-    assert "    a_door --> bricked_up : a wall is built" in lines
-    assert not any(line.startswith("    open --> bricked_up") for line in lines)

@@ -9,13 +9,12 @@ observing.py           the observers of messages, from an agent's file
 words.py               from sentences to sensors: which bits of a code a literal is
 track.py               OBS ⊕ over a log, without a step of Python for each row
 answers.py             what the distinct codes come to
-windows.py             or: one explanation for a window, or for all of a log
-parts.py               equal neighbours are one interval; files written beside and renamed
+parts.py               equal neighbours are one interval, or one explanation for a window; files beside
 one_log.py             all of it for one log
 manifest.py            what a folder of results was made of, and which logs are done
 starting.py, pool.py   worker processes, which may die
-run.py, joined.py      all logs, in order
+run.py                 all logs, in order
 learn/                 from logs of a healthy robot to a first model and its observers
 priors.py              from confirmed faults to a model's priors
-results.py, faults.py  a folder of results, read again; report.py, query_command.py
+results.py             a folder of results, read again; report.py, query_command.py
 """

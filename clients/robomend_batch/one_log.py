@@ -22,11 +22,10 @@ from robomend_batch.logs.blocks import Advance, Opened, Place, Restart, Shown
 from robomend_batch.logs.compressed import is_compressed, plain_log
 from robomend_batch.logs.kinds import READERS, RECORDINGS, kind_of
 from robomend_batch.observing import Observing, load_observers
-from robomend_batch.parts import PartFiles, PartFolder, Parts
+from robomend_batch.parts import PartFiles, PartFolder, Parts, Windows
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Stretch, Track
 from robomend_batch.unfinished import ENDING, Unfinished, stamp
-from robomend_batch.windows import Windows
 from robomend_batch.words import Words
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND

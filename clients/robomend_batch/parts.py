@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robomend.diagnosis.library import SENSORS_A_WORD, Codes
-from robomend_batch.answers import Answers, Told, widened
-from robomend_batch.lines import AFTER, BEFORE, lines
+from robomend_batch.answers import NOTHING, Answers, Told, distinct, widened
 from robomend_batch.track import Stretch, Times
 from robomend_client.literals import Atom
 
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import polars as pl
+    from numpy.typing import NDArray
 
     Write = Callable[[Iterator[pl.DataFrame], Iterable[bytes]], None]
 
@@ -336,3 +336,189 @@ def write_piece(part: Path, texts: Iterable[bytes]) -> None:
     else:
         beside.unlink()
         piece.unlink(missing_ok=True)
+
+
+# --- one explanation for a whole log, or for each window of it: the faults that explain all that was seen
+# there.
+#
+#     states of a window ──► what each rests on ──► distinct ones ──► SnapshotEngine ──► one row
+#
+# What is broken is taken to be broken all the while, and what was seen of it may come and go: a fault that
+# shows in one state is none the less a fault in the others. So a window in which one thing failed after
+# another has both in its diagnoses.
+
+MOST_WAITING = 10_000
+"""Rows that are written together."""
+
+Row = tuple[int, ...]
+"""What a state rests on, as a code without its trailing zeros."""
+
+
+class Windows(Parts):
+    """Takes the stretches of one log, and writes a row for each window of each segment."""
+
+    window_ns: int | None = None
+    """None: a segment is one window."""
+
+    def __init__(self, *given: Any, window_ns: int | None) -> None:
+        super().__init__(*given)
+        self.window_ns = window_ns
+        self._segment_start: tuple[int, int] | None = None  # segment, its beginning
+        self._here: tuple[int, int] | None = None  # segment, number of the window
+        self._start_ns = self._end_ns = 0
+        self._rows: dict[Row, None] = {}
+        self._of_functions: dict[Row, None] = {}
+        self._heard = False
+        self._done: list[tuple[int, int, int, Told, list[str]]] = []
+
+    def finish(self) -> None:
+        super().finish()
+        self._end_window()
+        self._write_done()
+
+    def _flush(self, last: bool) -> None:
+        if not self._waiting:
+            return
+        sensors = self._sensors()
+        segment, start, end, codes = self._taken(sensors)
+        states, state_of = distinct(codes)
+        grounds, heard = self._answers.library(sensors).grounds(states), self._answers.heard(states, sensors)
+        rows = [_row(one) for one in grounds.tolist()]
+        of_functions = [_row(one) for one in self._answers.of_functions(states, sensors).tolist()]
+        pieces = zip(segment.tolist(), start.tolist(), end.tolist(), state_of.tolist(), strict=True)
+        for number, start_ns, end_ns, state in pieces:
+            self._piece(number, start_ns, end_ns, rows[state], of_functions[state], bool(heard[state]))
+
+    def _piece(
+        self, segment: int, start_ns: int, end_ns: int, row: Row, of_functions: Row, heard: bool
+    ) -> None:
+        """A state that held for a while, in one window or several."""
+        if self._segment_start is None or self._segment_start[0] != segment:
+            self._end_window()
+            self._segment_start = segment, start_ns
+        origin_ns, window_ns = self._segment_start[1], self.window_ns
+        first = 0 if window_ns is None else (start_ns - origin_ns) // window_ns
+        last = 0 if window_ns is None else max(first, (end_ns - 1 - origin_ns) // window_ns)
+        for window in range(first, last + 1):
+            if self._here != (segment, window):
+                self._end_window()
+                self._here = segment, window
+                self._start_ns = start_ns if window_ns is None else origin_ns + window * window_ns
+            self._end_ns = end_ns if window_ns is None else min(end_ns, origin_ns + (window + 1) * window_ns)
+            self._heard |= heard
+            if heard:
+                self._rows[row] = None
+                self._of_functions[of_functions] = None
+
+    def _end_window(self) -> None:
+        if self._here is None:
+            return
+        told = NOTHING
+        literals: list[str] = []
+        if self._heard:
+            told, literals = self._answers.together(
+                frozenset(self._rows), self._sensors(), self._of_functions
+            )
+        self._done.append((self._here[0], self._start_ns, self._end_ns, told, literals))
+        self._here, self._rows, self._of_functions, self._heard = None, {}, {}, False
+        if len(self._done) >= MOST_WAITING:
+            self._write_done()
+
+    def _write_done(self) -> None:
+        if not self._done:
+            return
+        segment, start, end, told, grounds = zip(*self._done, strict=True)
+        self._done = []
+        number: dict[Told, int] = {}
+        numbers = [number.setdefault(one, len(number)) for one in told]
+        self._told(
+            np.array(segment, dtype=np.int32),
+            _times(start),
+            _times(end),
+            [*number],
+            np.array(numbers, dtype=np.intp),
+            list(grounds),
+            np.arange(len(grounds)),
+        )
+
+
+def _times(values: tuple[int, ...]) -> Times:
+    return np.array(values, dtype=np.int64)
+
+
+def _row(words: list[int]) -> Row:
+    while words and not words[-1]:
+        words = words[:-1]
+    return tuple(words)
+
+
+# --- intervals as lines of JSON, made while what they have in common is at hand.
+#
+# A log has few different answers, and few different grounds: each is written as JSON once, by polars, and a
+# line is put together of its times and these texts. The bytes are those of polars' own `write_ndjson` of
+# the part (a test holds the two together), which has to read every list of every row for them.
+
+SLICE = 2048
+"""Lines that are made together: they stay in the processor's cache."""
+
+TAILS = 1 << 15
+"""Lines whose different ends are made together."""
+
+BEFORE = ("state", "bad", "probability", "conflicts")
+AFTER = ("complete", "stopped_by", "smallest_proved", "size_at_least", "size_at_most")
+"""Columns before and behind the observations."""
+
+
+def lines(
+    log: str,
+    segment: NDArray[np.int32],
+    start: Times,
+    end: Times,
+    answers: pl.DataFrame,
+    answer_of: NDArray[np.intp],
+    observations: pl.Series,
+    ground_of: NDArray[np.intp],
+) -> Iterator[bytes]:
+    """Yield the lines of intervals, many at once.
+
+    Args:
+        log: its name.
+        segment, start, end: of each interval.
+        answers: the different ones.
+        answer_of: which of them each interval has.
+        observations: the different grounds.
+        ground_of: which of them each interval has.
+    """
+    import polars as pl
+
+    head = b"{" + _texts(pl.DataFrame({"log": [log]}))[0] + b',"segment":'
+    before, after = _texts(answers.select(BEFORE)), _texts(answers.select(AFTER))
+    grounds = _texts(observations.to_frame("observations"))
+    pair = answer_of.astype(np.int64) * len(grounds) + ground_of
+    for group in range(0, len(start), TAILS):
+        different, tail_of = np.unique(pair[group : group + TAILS], return_inverse=True)
+        tails = [
+            b",%b,%b,%b}\n" % (before[answer], grounds[ground], after[answer])
+            for answer, ground in (divmod(one, len(grounds)) for one in different.tolist())
+        ]
+        for first in range(0, len(tail_of), SLICE):
+            here = slice(group + first, min(group + first + SLICE, group + len(tail_of)))
+            columns = segment[here].tolist(), start[here].tolist(), end[here].tolist()
+            tail = tail_of[first : first + SLICE].tolist()
+            yield b"".join(
+                [
+                    piece
+                    for number, begins, ends, of in zip(*columns, tail, strict=True)
+                    for piece in (b'%b%d,"start_ns":%d,"end_ns":%d' % (head, number, begins, ends), tails[of])
+                ]
+            )
+
+
+def _texts(frame: pl.DataFrame) -> list[bytes]:
+    """Return the rows of a table as JSON, without their braces."""
+    texts: list[bytes] = []
+    for piece in frame.iter_slices(SLICE):
+        text = BytesIO()
+        piece.write_ndjson(text)
+        texts += [line[1:-1] for line in text.getvalue().split(b"\n")[: len(piece)]]
+    return texts

@@ -10,7 +10,7 @@ the first. When a device's power goes, the connection ends: the driver goes on r
 restarted, as in the paper. Any other node publishes a topic whenever its first input arrives, if the other
 inputs are no older than STALE_S; one without inputs publishes at rate_hz.
 
-The file is JSON (robot.py writes it): {"startup_s": 0.2, "rate_hz": 10, "devices": {"jaguar":
+The file is JSON (cast.py writes it): {"startup_s": 0.2, "rate_hz": 10, "devices": {"jaguar":
 "127.0.0.1:40123"}, "nodes": {"jaguar_node": {"drives": ["jaguar"], "publishes": {"odom": []}}}}. `startup_s`
 counts from the start of the process, so the interpreter's own time is in it. Then the node says READY=1
 (sd_notify) to whoever started it.

@@ -1,4 +1,4 @@
-"""The repair loop as the routers see it, with calls written down and answers made up: it repairs nothing."""
+"""The repair loop as the routers see it, with answers made up: it repairs nothing."""
 
 from __future__ import annotations
 
@@ -25,21 +25,18 @@ class RepairsDouble:
     def __init__(self, store: Store) -> None:
         self.switch = StopSwitch(store)
         self.agents = AgentQueue(store)
-        self.calls: list[tuple[Any, ...]] = []
         self.queue: dict[str, Json] = {}
         self.owners: dict[str, str] = {}
         self.first: dict[str, Json] = {}
 
     async def start(self) -> None:
-        self.calls.append(("start",))
         await self.switch.start()
 
     async def close(self) -> None:
-        self.calls.append(("close",))
         await self.switch.close()
 
     def end_waits(self) -> None:
-        self.calls.append(("end_waits",))
+        pass
 
     def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
         around = Surroundings(robot, None, cast(AgentQueue, None), {}, {}, (), asyncio.Event())
@@ -48,7 +45,6 @@ class RepairsDouble:
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
     ) -> Json:
-        self.calls.append(("plan", robot, bad, planner, timeout_s, pddl))
         chosen = {"bad": list(bad or []), "good": [], "probability": None, "weight": None}
         answer: Json = {"choice": chosen, "plan": None, "alternatives": [], "probe": None}
         return {**answer, "expected_cost": 0.0, "reason": "nothing is to be done"}
@@ -57,7 +53,6 @@ class RepairsDouble:
         return [f"nobody looks at {robot}"]
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
-        self.calls.append(("create", robot, bad, by, reason))
         if robot != "r1":
             raise StateConflict(f"a repair of {robot!r} is open")
         return REPAIR
@@ -65,7 +60,6 @@ class RepairsDouble:
     async def repairs(
         self, robot: str, *, before: str | None, limit: int, **_: str | int | None
     ) -> Sequence[Json]:
-        self.calls.append(("repairs", robot, before, limit))
         return [REPAIR]
 
     async def repair(self, repair_id: str) -> Json:
@@ -74,11 +68,9 @@ class RepairsDouble:
         return REPAIR
 
     async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
-        self.calls.append(("approve", repair_id, by, reason))
         return {**await self.repair(repair_id), "state": "running"}
 
     async def cancel(self, repair_id: str, *, by: str, reason: str) -> Json:
-        self.calls.append(("cancel", repair_id, by, reason))
         return {**await self.repair(repair_id), "state": "cancelled"}
 
     async def orders(
@@ -92,7 +84,6 @@ class RepairsDouble:
         can: Collection[str] | None = None,
         **said: object,
     ) -> Json | None:
-        self.calls.append(("orders", robot, agent, host, can, wait_s))
         if robot not in self.queue and wait_s:
             await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)
@@ -104,17 +95,14 @@ class RepairsDouble:
 
     async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         await self.action_robot(action_id)
-        self.calls.append(("feedback", action_id, code, message))
 
     async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         await self.action_robot(action_id)
-        self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
 
     async def quarantined(self, robot: str) -> Mapping[str, Quarantine]:
         return {"jaguar": Quarantine(robot, "jaguar", "three attempts did not help", 3, 0, None)}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
-        self.calls.append(("release", robot, component, by, reason))
         if component != "jaguar":
             raise NotFound(f"{component!r} is not in quarantine")

@@ -107,6 +107,21 @@ def test_a_malformed_body_is_told_apart(service: Service, body: bytes, status: i
     assert answer.json()["request_id"] == answer.headers["x-request-id"]
 
 
+@pytest.mark.parametrize(
+    ("path", "body", "status"),
+    [
+        ("/repairs/r-1", {"decision": "maybe"}, 422),
+        ("/repairs/none", {"decision": "cancel"}, 404),
+        ("/actions/r-1:9/result", {"code": 0}, 404),
+        ("/robots/r1/actions/next", {"host": "pc"}, 422),
+    ],
+)
+def test_a_decision_or_an_answer_that_is_none(
+    service: Service, path: str, body: dict[str, Any], status: int
+) -> None:
+    assert service.api("POST", path, json=body).status_code == status
+
+
 @pytest.mark.parametrize("kind", ["text/plain", "application/xml", "multipart/form-data", ""])
 @pytest.mark.parametrize("path", [PLACE, "/stop"])
 def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -> None:

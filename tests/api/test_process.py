@@ -154,23 +154,6 @@ def test_config_tells_where_each_value_comes_from(tmp_path: Path) -> None:
     assert "secret" not in shown.stdout
 
 
-def test_a_wrong_setting_is_bad_input_with_its_source(tmp_path: Path) -> None:
-    file = tmp_path / "robomend.yaml"
-    for text, words in (
-        ("prot: 1\n", "prot"),
-        ("port: 99999\n", "port"),
-        ("- a\n", "mapping"),
-        ("{\n", "YAML"),
-    ):
-        file.write_text(text)
-        answer = subprocess.run(
-            command("config", "--config", str(file)), capture_output=True, text=True, timeout=60
-        )
-        assert answer.returncode == 2
-        assert words in answer.stderr
-        assert "Traceback" not in answer.stderr
-
-
 def test_workers_are_refused_with_what_takes_their_place(tmp_path: Path) -> None:
     file = tmp_path / "robomend.yaml"
     file.write_text("workers: 2\n")

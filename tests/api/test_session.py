@@ -229,3 +229,19 @@ def test_only_the_hash_of_a_cookie_is_stored_and_the_audit_log_tells(
     assert [entry["action"] for entry in entries[:2]] == ["session.end", "session.begin"]
     token = browser.cookie.partition("=")[2].encode()
     assert not any(token in file.read_bytes() for file in tmp_path.iterdir() if file.is_file())
+
+
+def test_no_get_takes_an_action_unless_a_key_is_in_its_header(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1")
+    action = {"id": "r-1:2", "name": "start_node", "parameters": ["rviz"], "timeout_s": 5.0, "host": "pc"}
+    service.repairs.queue["r1"] = action
+    refused = service.api("GET", "/robots/r1/actions/next")
+    assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
+    key = service.key("robot", "r1")
+    cookie = sign_in(service, key).headers["set-cookie"].partition(";")[0]
+    head = {"Cookie": cookie, "Origin": service.url}
+    assert service.api("GET", "/robots/r1/actions/next", headers=head).status_code == 405
+    taken = service.api("GET", "/robots/r1/actions/next", headers={"Authorization": f"Bearer {key}"})
+    assert taken.json() == action
+    assert taken.headers["deprecation"] == "true"

@@ -9,7 +9,6 @@ import pytest
 from tests.api.conftest import Service
 from tests.api.repairs_double import REPAIR
 from tests.clients.bridges.hearing import hearing
-from tests.waiting import until
 
 from robomend.api.routers.sovd import STATUS, execution
 from robomend.repairs.states import RepairState
@@ -84,7 +83,8 @@ def test_a_repair_is_asked_for_and_is_an_execution(service: Service) -> None:
     asked = service.http.post(path, json={"parameters": {"bad": ["hokuyo"], "reason": "dirty"}})
     assert asked.status_code == 202
     assert asked.headers["Location"] == f"{path}/{asked.json()['id']}"
-    until(lambda: any(call[0] == "create" for call in service.repairs.calls), "a repair")
+    made = service.api("POST", "/robots/r1/repairs", json={"reason": "it limps"})
+    assert (made.status_code, made.headers["location"]) == (202, "/api/v1/repairs/r-1")
     found = service.http.get(path)
     assert found.status_code == 200
     assert service.http.post(path, json={"parameters": {"bat": []}}).status_code == 422

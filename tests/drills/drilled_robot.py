@@ -29,7 +29,7 @@ from robomend.model.loading import load_text
 from robomend_client.rest import Client, ClientError
 from robomend_client.rest.errors import StateConflict
 from robomend_client.rest.retry import NEVER
-from robomend_demo.robot import RATE_HZ, agent_config, devices_config, nodes_config
+from robomend_demo.cast import RATE_HZ, agent_config, devices_config, nodes_config
 
 MODEL = f"""{SMALL}\
   logger: {{protected: true}}

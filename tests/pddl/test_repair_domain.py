@@ -9,13 +9,13 @@ import pytest
 from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR
 
 from robomend.planning.domain.formulas import Forall, atoms, negation_normal
-from robomend.planning.domain.loading import DEFAULT_DOMAIN, PAPER_DOMAIN, load_domain, shipped
+from robomend.planning.domain.loading import load_domain, shipped
 from robomend.planning.domain.values import PAIRS, Domain
 from robomend.planning.plan import Plan
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend_bench.suites.plans import broken, random_robot, some_bad
 
-DOMAINS = {name: load_domain(shipped(name)) for name in (DEFAULT_DOMAIN, PAPER_DOMAIN)}
+DOMAINS = {name: load_domain(shipped(name)) for name in ("repair.pddl", "paper-repair.pddl")}
 
 
 @pytest.fixture(params=DOMAINS)

@@ -13,10 +13,11 @@ from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.advice import SELDOM_HELPS, Situation, looks, parts_of
+from robomend.planning.advice import SELDOM_HELPS, Situation, looks, other_suspects, parts_of
 from robomend.planning.choice import Candidate, Choice
 from robomend.planning.cures import power_cuts
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
+from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.tried import Attempt, attempt, interruptions
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.readings import Symptom
@@ -126,12 +127,6 @@ def test_a_device_that_is_seen_to_work_keeps_its_power_when_what_rests_on_it_sta
     # Of a probe of which nothing is seen to work, or all is silent, power is cut in the end.
     assert repaired()[-1] == ("probe",)
     assert repaired(*(-literal for literal in well))[-1] == ("probe",)
-
-
-PROBE = load_text(
-    "robomend: 1\nhardware: {probe: {channel: 1}}\n"
-    "nodes: {probe_d: {drives: probe, publishes: [a, b, c]}, agg: {publishes: {x: [a], y: [a]}}}"
-)
 
 
 def test_a_node_that_had_ended_is_restarted_once_more_before_something_else_is_blamed() -> None:
@@ -400,3 +395,27 @@ def test_of_many_that_are_late_at_once_on_a_loaded_computer_none_is_restarted(
     choice = chosen(LOADED, *told, *(holds("running", node) for node in nodes), *late, symptoms=slow)
     assert choice.plan is None
     assert "pc" in choice.reason
+
+
+# --- what is awaited where only what all diagnoses share is repaired: nothing that another one can prevent
+
+SYSTEM = load_text(
+    "robomend: 1\nhardware: {cam: {channel: 1}}\nnodes:\n"
+    "  cam_d: {drives: cam, publishes: [img]}\n  task: {publishes: {state: [img]}}\n"
+)
+RESULT = DiagnosisResult(
+    SYSTEM.cnf.components, (Diagnosis(("cam", "task")), Diagnosis(("cam_d", "task"))), True, None, (), 0.0
+)
+
+
+def test_only_what_other_suspects_cannot_prevent_is_awaited_while_the_shared_part_is_repaired() -> None:
+    assert other_suspects(("task",), RESULT) == {"cam", "cam_d"}
+    good = [Atom("good", (name,)) for name in SYSTEM.cnf.components]
+    theory, left = theory_of(SYSTEM.cnf), other_suspects(("task",), RESULT)
+    sure = Prediction(theory, [c for c in SYSTEM.cnf.components if c not in left], good).expected()
+    assert sure == {holds("running", "task")}
+    assert holds("ok", "state") in Prediction(theory, SYSTEM.cnf.components, good).expected()
+
+
+def test_a_whole_diagnosis_leaves_no_other_suspects() -> None:
+    assert other_suspects(("cam", "task"), RESULT) == frozenset()

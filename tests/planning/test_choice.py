@@ -185,10 +185,9 @@ def test_three_failures_in_a_row_are_quarantined_with_doubling_back_off() -> Non
     assert quarantined(fourth, now_ns=131 * SECOND, patience=patience)["a"].until_ns == 330 * SECOND
 
 
-def test_success_and_release_end_a_series_of_failures() -> None:
+def test_success_ends_a_series_of_failures() -> None:
     failures = [tried("a", at_s=t) for t in (0, 10, 20)]
     assert quarantined([*failures, tried("a", helped=True, at_s=30)], now_ns=31 * SECOND) == {}
-    assert quarantined(failures, now_ns=21 * SECOND, released={"a": 15 * SECOND}) == {}
 
 
 def expected_cost(order: tuple[int, ...], chances: list[float], costs: list[float]) -> float:

@@ -6,15 +6,18 @@ import heapq
 import random
 from itertools import count, permutations, product
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.planning.robots import PLANNERS, TEDUSAR
 
-from robomend.model.components import ComponentModel
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning import planning
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
+from robomend.planning.ordering import layered
 from robomend.planning.plan import Outcome, Plan
-from robomend.planning.planning import PlanOptions, plan_for
+from robomend.planning.planning import PlanOptions, forget, plan_for
 from robomend.planning.problem import Fact, RepairProblem, repair_problem
 from robomend.planning.validation import validate
 from robomend_bench.suites.plans import broken, random_robot, some_bad
@@ -130,3 +133,64 @@ def test_every_order_that_the_partial_order_allows_is_a_plan() -> None:
         named = [(plan.steps[i].name, plan.steps[i].parameters) for i in order]
         assert validate(domain, problem, named, problem.goal) is None
     assert allowed == 10  # a chain of three beside a chain of two
+
+
+# --- steps as a partial order, and one order that keeps it
+
+
+def test_where_the_order_is_free_low_ranks_come_first() -> None:
+    assert layered([(), (), ()], lambda position: (-position,)) == [2, 1, 0]
+    assert layered([(), (0,), ()], lambda position: (-position,)) == [2, 0, 1]
+
+
+@given(st.lists(st.integers(0, 5), max_size=8), st.data())
+def test_every_step_comes_once_and_after_what_it_comes_after(ranks: list[int], data: st.DataObject) -> None:
+    after = [
+        tuple(sorted(data.draw(st.sets(st.integers(0, position - 1))))) if position else ()
+        for position in range(len(ranks))
+    ]
+    order = layered(after, lambda position: (ranks[position],))
+    assert sorted(order) == list(range(len(ranks)))
+    for position, before in enumerate(after):
+        assert all(order.index(other) < order.index(position) for other in before)
+
+
+# --- large parts in stages: supply first, then what it feeds
+
+
+def supply(devices: int) -> ComponentModel:
+    """One power supply, devices behind it, a driver each."""
+    names = [f"device{index}" for index in range(devices)]
+    hardware = {name: Hardware(name, index, fed_by=("psu",)) for index, name in enumerate(names, 1)}
+    nodes = {f"{name}_node": Node(f"{name}_node", (name,)) for name in names}
+    return ComponentModel("supply", {"psu": Hardware("psu", 0), **hardware}, nodes, {}, channels=devices + 1)
+
+
+@pytest.mark.parametrize("planner", ["pyperplan", "asp"])
+def test_a_power_supply_that_hangs_is_cycled_and_whatever_it_feeds_comes_back_with_it(planner: str) -> None:
+    robot = supply(40)
+    plan = plan_for(robot, [], ["psu"], PlanOptions(planner=planner, timeout_s=60))
+    assert plan.outcome is Outcome.SOLVED
+    assert plan.cost == 25 + 40 * 4  # the relays of the devices stay where they are
+    named = [(step.name, step.parameters) for step in plan.steps]
+    domain = load_domain()
+    problem = repair_problem(robot, domain, [], ["psu"])
+    assert validate(domain, problem, named, problem.goal) is None
+
+
+@pytest.mark.parametrize("planner", ["pyperplan", "asp"])
+def test_stages_cost_no_more_than_a_search_of_the_whole(
+    planner: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(12):
+        robot = random_robot(seed, 6, awkward=seed % 2 == 0)
+        bad = some_bad(robot, 2, seed)
+        seen = broken(robot, bad, seed)
+        options = PlanOptions(planner=planner, timeout_s=60)
+        plans = []
+        for limit in (1, 1000):
+            monkeypatch.setattr(planning, "EXACT_UP_TO", limit)
+            forget()
+            plans.append(plan_for(robot, seen, bad, options))
+        assert plans[0].cost == plans[1].cost
+        assert plans[0].unreachable == plans[1].unreachable

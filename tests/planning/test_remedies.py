@@ -12,7 +12,7 @@ from robomend.errors import DomainError, InputError, ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.planning.advice import Situation, parts_of
-from robomend.planning.domain.loading import PAPER_DOMAIN, load_domain, shipped
+from robomend.planning.domain.loading import load_domain, shipped
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.policy import Mode, Policy
 from robomend.planning.problem import Offer, Offers, repair_problem
@@ -123,7 +123,7 @@ def test_a_name_is_either_a_remedy_or_an_action_of_the_domain() -> None:
       :precondition (bad ?n) :effect (and (good ?n) (not (bad ?n)))))"""
     with pytest.raises(DomainError, match="a remedy of the model, and an action"):
         plan_for(CLEAR, [], ["planner"], PlanOptions(domain=own))
-    paper = PlanOptions(domain=shipped(PAPER_DOMAIN))
+    paper = PlanOptions(domain=shipped("paper-repair.pddl"))
     assert "clear_costmap" not in {step.name for step in plan_for(CLEAR, [], ["planner"], paper).steps}
 
 

@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tests.waiting import look_s
 
@@ -171,6 +171,9 @@ class Robot:
             await self.repairs.result(action["id"], code=code, message=self.message, by=Reporter("robot"))
 
 
+R = TypeVar("R", bound=Robot)
+
+
 @asynccontextmanager
 async def service(data: Path, **settings: Any) -> AsyncIterator[Runtime]:
     """Run the parts of a service, without HTTP, on the session's planners."""
@@ -185,18 +188,26 @@ async def service(data: Path, **settings: Any) -> AsyncIterator[Runtime]:
         yield runtime
 
 
+async def put_robot(runtime: Runtime, source: str = MODEL, **changes: Any) -> None:
+    """Create robot r1 on the service, and the model that its configuration names."""
+    config = {**CONFIG, **changes}
+    with contextlib.suppress(Exception):  # it is there already
+        await runtime.robots.models.put(config["model"], source, format=None, expected=None, by="test")
+    await runtime.robots.put_robot("r1", config, expected=None, by="test")
+
+
 @asynccontextmanager
-async def robot_on(runtime: Runtime, **changes: Any) -> AsyncIterator[Robot]:
-    """Create robot r1 on the service, and run it."""
-    with contextlib.suppress(Exception):
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-    await runtime.robots.put_robot("r1", {**CONFIG, **changes}, expected=None, by="test")
-    async with running(Robot(runtime.repairs, runtime.robots)) as robot:
+async def robot_on(
+    runtime: Runtime, kind: Callable[[Any, Any], Any] = Robot, **changes: Any
+) -> AsyncIterator[Any]:
+    """Create robot r1 on the service, and run it: one of this kind."""
+    await put_robot(runtime, **changes)
+    async with running(kind(runtime.repairs, runtime.robots)) as robot:
         yield robot
 
 
 @asynccontextmanager
-async def running(robot: Robot) -> AsyncIterator[Robot]:
+async def running(robot: R) -> AsyncIterator[R]:
     """Let the robot report and act until the end."""
     tasks = [asyncio.create_task(robot.report_for_ever()), asyncio.create_task(robot.act_for_ever())]
     try:
@@ -219,15 +230,41 @@ async def nothing_begins(runtime: Runtime, for_s: float = 0.5) -> None:
 
 
 async def the_repair(
-    runtime: Runtime, robot: str = "r1", *, ended: bool = True, timeout_s: float = 60.0
+    runtime: Runtime, robot: str = "r1", *, ended: bool = True, after: str = "", timeout_s: float = 60.0
 ) -> dict[str, Any]:
-    """Return the robot's latest repair, once it has ended (or awaits approval)."""
+    """Return the robot's latest repair, no more `after`, once it has ended (or awaits approval)."""
     began, repair = time.monotonic(), dict[str, Any]()
     while (waited_s := time.monotonic() - began) < timeout_s:
         repairs = await runtime.repairs.repairs(robot, before=None, limit=1)
-        if repairs:
+        if repairs and repairs[0]["id"] != after:
             repair = dict(repairs[0])
             if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":
                 return repair
         await asyncio.sleep(look_s(waited_s))  # until the next look
     raise AssertionError(f"waited {timeout_s:g} s in vain: {json.dumps(repair, indent=1, default=str)}")
+
+
+async def repaired(
+    data: Path,
+    breaks: Callable[[Any], object],
+    *,
+    spoil: Callable[[Robot, str, str], Awaitable[int | None]] | None = None,
+    kind: Callable[[Any, Any], Any] = Robot,
+    timeout_s: float = 60.0,
+    **changes: Any,
+) -> tuple[dict[str, Any], Any]:
+    """Return the repair of a robot of which something breaks, once it has ended, and the robot."""
+    async with service(data) as runtime, robot_on(runtime, kind, **changes) as robot:
+        robot.spoil = spoil
+        await robot.settled()
+        breaks(robot)
+        return await the_repair(runtime, timeout_s=timeout_s), robot
+
+
+def answers(code: int, *names: str) -> Callable[[Robot, str, str], Awaitable[int | None]]:
+    """Return what has these actions answered so, without effect."""
+
+    async def spoiled(robot: Robot, name: str, parameter: str) -> int | None:
+        return code if name in names else None
+
+    return spoiled

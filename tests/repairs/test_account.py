@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, robot_on, service, the_repair
 
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
@@ -149,15 +149,11 @@ def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
 async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_after_them(
     tmp_path: Path,
 ) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime):
-            pass  # it is configured
-        robot = Robot(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.settled()
-            robot.connected["lidar_node"] = False  # silent: the device or its driver
-            repair = await the_repair(runtime)
-            told = (await runtime.repairs.repair(repair["id"]))["account"]
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.connected["lidar_node"] = False  # silent: the device or its driver
+        repair = await the_repair(runtime)
+        told = (await runtime.repairs.repair(repair["id"]))["account"]
     assert repair["state"] == "repaired", repair["reason"]
     text = "\n".join(told)
     assert told[0].endswith(f"repair {repair['id']} of r1 begins")

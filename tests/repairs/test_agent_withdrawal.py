@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.clients.running_agent import agent, alive, config
 from tests.repairs.remote import ended, latest, services
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.anyio
 
@@ -47,11 +46,6 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
         file = tmp_path / "starts"
         return [int(line) for line in file.read_text().split()] if file.exists() else []
 
-    async def until(seen: Callable[[], object]) -> None:
-        async with asyncio.timeout(120):
-            while not seen():
-                await asyncio.sleep(0.02)
-
     def says_what_it_waits_for(repair: dict[str, Any]) -> bool:
         feedback = repair["plan"][0]["feedback"] if repair["plan"] else None
         said = f"laser has process {starts()[0]}; waiting for evidence: output"
@@ -70,14 +64,14 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
         }
         await client.put_robot("tedusar", robot)
         with agent(config(tmp_path, service.url, {"laser": laser})):
-            await until(starts)
+            await eventually(starts, "it was started", 120)
             under_way = await latest([service], lambda repair: repair["state"] == "running", robot="tedusar")
             await latest([service], says_what_it_waits_for, robot="tedusar")
             if how == "cancel":
                 await client.cancel(under_way["id"], "not now")
             else:
                 await client.stop("people on the floor")
-            await until(lambda: not any(map(alive, starts())))
+            await eventually(lambda: not any(map(alive, starts())), "it was given up", 120)
             over = await latest([service], ended, robot="tedusar")
             assert (over["id"], over["state"]) == (under_way["id"], "cancelled")
             assert [step["result"] for step in over["plan"]] == [5]

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, nothing_begins, robot_on, running, service
+from tests.repairs.robot import Robot, nothing_begins, robot_on, service
+from tests.waiting import eventually
 
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -61,38 +62,28 @@ async def contradicting(runtime: Any, robot: TwoComputers) -> list[str]:
 
 
 async def test_nothing_is_done_about_what_two_computers_contradict_each_other_about(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime):
-            pass
-        robot = TwoComputers(runtime.repairs, runtime.robots)
-        async with running(robot):
-            [found] = await contradicting(runtime, robot)
-            assert found == (
-                "sources contradict each other about ok(scan): pc1 reports ok(scan) (10 Hz), pc2 reports not "
-                "ok(scan) (0 of 10 Hz for 2.1 s); seen from pc1, not from pc2: look at what is between them; "
-                "it is unknown: `believe` or `bad_wins` of the robot says who counts"
-            )
-            await nothing_begins(runtime, 2.0)
-            state = await runtime.robots.diagnosed("r1")
-            how, unknown = health_of(state)
-            assert (how, [str(atom) for atom in unknown]) == (HealthState.PARTLY_UNKNOWN, ["ok(scan)"])
-            robot.deaf_ns = None
-            async with asyncio.timeout(60):
-                while await runtime.repairs.findings("r1"):
-                    await asyncio.sleep(0.02)
+    async with service(tmp_path) as runtime, robot_on(runtime, TwoComputers) as robot:
+        [found] = await contradicting(runtime, robot)
+        assert found == (
+            "sources contradict each other about ok(scan): pc1 reports ok(scan) (10 Hz), pc2 reports not "
+            "ok(scan) (0 of 10 Hz for 2.1 s); seen from pc1, not from pc2: look at what is between them; "
+            "it is unknown: `believe` or `bad_wins` of the robot says who counts"
+        )
+        await nothing_begins(runtime, 2.0)
+        state = await runtime.robots.diagnosed("r1")
+        how, unknown = health_of(state)
+        assert (how, [str(atom) for atom in unknown]) == (HealthState.PARTLY_UNKNOWN, ["ok(scan)"])
+        robot.deaf_ns = None
+        async with asyncio.timeout(60):
+            while await runtime.repairs.findings("r1"):
+                await asyncio.sleep(0.02)
     assert robot.done == []
 
 
 async def test_where_the_deaf_one_is_believed_its_word_is_acted_upon(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime, believe=["pc2"]):
-            pass
-        robot = TwoComputers(runtime.repairs, runtime.robots)
-        async with running(robot):
-            [found] = await contradicting(runtime, robot)
-            assert "; pc2 is believed" in found
-            async with asyncio.timeout(60):
-                while not robot.done:  # that it helps, nobody will ever say
-                    await asyncio.sleep(0.05)  # until the next look
-            [repair] = await runtime.repairs.repairs("r1", before=None, limit=1)
+    async with service(tmp_path) as runtime, robot_on(runtime, TwoComputers, believe=["pc2"]) as robot:
+        [found] = await contradicting(runtime, robot)
+        assert "; pc2 is believed" in found
+        await eventually(lambda: robot.done, "it is acted upon")
+        [repair] = await runtime.repairs.repairs("r1", before=None, limit=1)
     assert repair["rounds"][0]["symptoms"][0]["literal"] == "not ok(scan)"

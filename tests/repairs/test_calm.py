@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, service
+from tests.repairs.robot import CONFIG, MODEL, put_robot, service
 
 from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
@@ -92,8 +92,7 @@ async def waiting_for_verdicts(
     """A robot whose verdicts take a minute, and what a repair of it waits for."""
     config = {**CONFIG, "policy": "observe", "detection_s": 60.0, **about}
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await put_robot(runtime, model, **config)
         state = await runtime.robots.memory.robot("r1")
         nobody = cast(Any, None)
         yield runtime, Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
@@ -120,8 +119,7 @@ async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(t
 
     config = {**CONFIG, "policy": "observe"}
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await put_robot(runtime, MODEL, **config)
         state = await runtime.robots.memory.robot("r1")
         now_ns = CLOCK.now_ns()
         nobody = cast(Any, None)

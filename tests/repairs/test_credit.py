@@ -110,15 +110,11 @@ async def test_what_fails_again_within_its_observers_time_was_never_repaired(tmp
             if name == "start_node":
                 self.until_ns = CLOCK.now_ns() + 600_000_000
 
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime, detection_s=1.0):
-            pass
-        robot = SoonBack(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.settled()
-            robot.broken = True
-            repair = await the_repair(runtime)
-            repairs = await runtime.repairs.repairs("r1", before=None, limit=10)
+    async with service(tmp_path) as runtime, robot_on(runtime, SoonBack, detection_s=1.0) as robot:
+        await robot.settled()
+        robot.broken = True
+        repair = await the_repair(runtime)
+        repairs = await runtime.repairs.repairs("r1", before=None, limit=10)
     assert "start_node(lidar_node)" in robot.done
     assert repair["state"] == "escalated", repair["reason"]
     assert not any(done["helped"] for one in repairs for done in one["rounds"])
@@ -177,10 +173,7 @@ async def test_who_is_not_heard_since_the_symptom_began_vouches_for_nothing_afte
 ) -> None:
     monkeypatch.setattr(calm, "CUT_OFF_NS", 10**9)
     async with service(tmp_path) as runtime:
-        async with robot_on(runtime, detection_s=0.2):
-            pass
-        robot = TwoHosts(runtime.repairs, runtime.robots)
-        async with running(robot):
+        async with robot_on(runtime, TwoHosts, detection_s=0.2) as robot:
             await robot.spoken()
             robot.drop(None)
             repair = await the_repair(runtime)
@@ -211,13 +204,9 @@ async def test_who_speaks_on_change_only_vouches_for_what_it_said(tmp_path: Path
             batch = Batch(near, source="near", time_ns=now_ns, since=(now_ns,) * len(near), lifetime_s=20.0)
             await self.robots.observe(self.id, batch)
 
-    async with service(tmp_path) as runtime:
-        async with robot_on(runtime, detection_s=0.2):
-            pass
-        robot = OnChange(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.spoken()
-            robot.running["mapping"] = False
-            repair = await the_repair(runtime)
+    async with service(tmp_path) as runtime, robot_on(runtime, OnChange, detection_s=0.2) as robot:
+        await robot.spoken()
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
     assert robot.done == ["start_node(mapping)"]
     assert repair["state"] == "repaired", repair["reason"]

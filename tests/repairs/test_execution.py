@@ -1,20 +1,25 @@
-"""Executing a plan: side by side, and what keeps a step from being sent or cuts it off."""
+"""Executing a plan: side by side, what cuts it off, what is seen and what executors answer meanwhile."""
 
 from __future__ import annotations
 
 import asyncio
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, setting, step
+from tests.repairs.lidar_robot import CNF, ON, POWER_LOST, QUICK, RUNNING, SCAN, Robot, run, setting, step
 from tests.waiting import for_ever
 
 from robomend.errors import Fenced
+from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport
-from robomend_client.actions import OK, REFUSED, Action, ActionResult, Feedback
-from robomend_client.literals import Atom
+from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport, Timing
+from robomend.repairs.looking import Looking, first_of
+from robomend.repairs.states import StepState
+from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, Action, ActionResult, Feedback
+from robomend_client.literals import Atom, Literal, holds
 
 pytestmark = pytest.mark.anyio
 
@@ -116,3 +121,318 @@ async def test_feedback_of_an_action_under_way_is_reported_with_its_step_and_sta
     assert latest.time_ns > first.time_ns
     assert done.steps[1].feedback is None
     assert asyncio.all_tasks() == before  # nothing is told after the end
+
+
+# --- what is seen meanwhile: effects that come, come late, stay away or flip back
+
+
+async def test_each_action_is_journaled_sent_and_its_effect_seen() -> None:
+    robot = Robot()
+    done = await run(robot)
+    assert done.ending is Ending.DONE
+    assert robot.sent == ["power_up(lidar)", "stop_node(driver)", "start_node(driver)"]
+    assert robot.journal == [
+        "intend r-1:0 power_up(lidar)",
+        "settle r-1:0 0",
+        "intend r-1:1 stop_node(driver)",
+        "settle r-1:1 0",
+        "intend r-1:2 start_node(driver)",
+        "settle r-1:2 0",
+    ]
+    assert [report.seen for report in done.steps] == [
+        (Literal(ON),),
+        (-Literal(RUNNING),),
+        (Literal(SCAN), Literal(RUNNING)),
+    ]
+    assert done.effect_seen
+
+
+async def test_what_a_step_is_about_to_change_may_have_changed_since_it_was_planned() -> None:
+    robot = Robot()
+    robot.see(RUNNING, False)  # what was to be stopped has ended
+
+    async def slow(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await asyncio.sleep(0.3)  # longer than hold_s
+        return None
+
+    robot.behave = slow
+    assert (await run(robot)).ending is Ending.DONE
+    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
+
+
+async def test_a_stuck_relay_is_told_by_the_missing_effect() -> None:
+    robot = Robot()
+
+    async def stuck(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(OK) if action.name == "power_up" else None
+
+    robot.behave = stuck
+    done = await run(robot)
+    assert done.ending is Ending.EFFECT_MISSING
+    assert done.mismatch == Literal(ON)
+    assert done.reason == "power_up(lidar) answered 'done', but on(lidar) was not seen within 0.3 s"
+    assert robot.sent == ["power_up(lidar)"]
+    assert not done.effect_seen
+
+
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (1, "running(n)"),
+        (4, "running(n), ok(t0), ok(t1) and ok(t2)"),
+        (5, "running(n), ok(t0), ok(t1) and 2 more"),
+        (12, "running(n), ok(t0), ok(t1) and 9 more"),
+    ],
+)
+def test_a_reason_names_a_few_of_many_missing_effects_and_what_is_no_topic_first(
+    count: int, told: str
+) -> None:
+    topics = [holds("ok", f"t{number}") for number in range(count - 1)]
+    assert first_of([*topics, holds("running", "n")]) == told
+
+
+async def test_a_flutter_shorter_than_the_hold_time_is_no_mismatch() -> None:
+    robot = Robot()
+
+    async def flutter(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "stop_node":
+            robot.see(ON, False)
+            await asyncio.sleep(0.01)  # shorter than hold_s
+            robot.see(ON, True)
+            await asyncio.sleep(0.15)  # longer than hold_s
+        return None
+
+    robot.behave = flutter
+    assert (await run(robot)).ending is Ending.DONE
+
+
+async def test_nothing_acts_on_an_observation_that_went_stale() -> None:
+    robot = Robot()
+
+    async def agent_gone(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            robot.see(RUNNING, None)
+        return None
+
+    robot.behave = agent_gone
+    done = await run(robot)
+    assert done.ending is Ending.STALE
+    assert done.mismatch == Literal(RUNNING)
+    assert robot.sent == ["power_up(lidar)"]
+
+
+async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
+    robot = Robot()
+    robot.see(RUNNING, False)
+    done = await run(robot)
+    assert done.ending is Ending.DONE
+    assert done.steps[1].state is StepState.ALREADY
+    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
+
+
+async def test_where_power_is_back_without_us_the_rest_of_the_plan_is_not_for_what_is_there() -> None:
+    robot = Robot()
+    robot.see(ON, True)
+    done = await run(robot)
+    assert done.ending is Ending.MISMATCH
+    assert robot.sent == []
+    assert "on already, and not by this plan" in done.reason
+
+
+# --- what executors answer: failures, silence, an unknown outcome
+
+
+async def test_a_failed_action_is_tried_again_under_a_new_id() -> None:
+    robot = Robot()
+
+    async def fails_once(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(FAILED, "busy") if action.id == "r-1:1" else None
+
+    robot.behave = fails_once
+    assert (await run(robot)).ending is Ending.DONE
+    assert "intend r-1:1.1 stop_node(driver)" in robot.journal
+
+
+async def test_an_effect_that_shows_after_a_failure_ends_the_attempts() -> None:
+    robot = Robot()
+    asked: list[str] = []
+
+    async def acts_and_fails(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await robot.do(action)
+            return ActionResult(FAILED, "done, but late")
+        return None
+
+    async def permit(step: Step) -> str | None:
+        asked.append(str(step))
+        return None
+
+    robot.behave = acts_and_fails
+    more = replace(QUICK, retries=3)
+    done = await execute(POWER_LOST, replace(setting(robot), permit=permit, default_timing=more))
+    assert done.ending is Ending.DONE
+    assert robot.sent.count("power_up(lidar)") == 1
+    assert asked.count("power_up(lidar)") == 2  # before it is sent, and before it would be sent again
+
+
+async def test_an_action_that_must_not_be_repeated_asks_when_its_outcome_is_unknown() -> None:
+    robot = Robot()
+
+    async def silent(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(TIMED_OUT)
+
+    robot.behave = silent
+    done = await execute(POWER_LOST, replace(setting(robot), not_idempotent={"power_up"}))
+    assert done.ending is Ending.UNKNOWN_OUTCOME
+    assert robot.sent == ["power_up(lidar)"]
+
+
+def test_the_page_names_the_bounds_of_an_action_that_says_nothing_of_them() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "repair.md").read_text()
+    told = {name: float(value) for name, value in re.findall(r"`(\w+)`(?: \(|, )default (\d+)", page)}
+    timing = Timing()
+    assert told["timeout_s"] == timing.action_timeout_s
+    assert told["effect_timeout_s"] == timing.effect_timeout_s
+    assert told["retries"] == timing.retries
+
+
+async def test_a_hanging_executor_is_cut_off() -> None:
+    robot = Robot()
+
+    async def hangs(robot: Robot, action: Action) -> ActionResult | None:
+        await for_ever()
+        return None
+
+    robot.behave = hangs
+    quick = replace(QUICK, action_timeout_s=0.05, retries=0)
+    done = await execute(POWER_LOST, replace(setting(robot), default_timing=quick))
+    assert done.ending is Ending.ACTION_FAILED
+    assert done.reason == "power_up(lidar) was sent, and its outcome is unknown: no answer in 0.05 s"
+
+
+async def test_an_executor_that_breaks_counts_as_no_answer() -> None:
+    robot = Robot()
+
+    async def broken(robot: Robot, action: Action) -> ActionResult | None:
+        raise ZeroDivisionError("a driver's mistake")
+
+    robot.behave = broken
+    done = await run(robot)
+    assert done.ending is Ending.ACTION_FAILED
+    assert done.reason == (
+        "power_up(lidar) was sent, and its outcome is unknown: "
+        "the executor failed: ZeroDivisionError: a driver's mistake"
+    )
+    assert "settle r-1:0 3" in robot.journal
+
+
+# --- what is awaited of a step: what somebody observes
+
+WANTED = Literal(SCAN)
+MAP = Atom("ok", ("map",))
+
+
+async def effect(
+    robot: Robot, observed: set[Atom], action: str = "start_node"
+) -> tuple[list[Literal], list[Literal]]:
+    """Await ok(scan) where these atoms are on the robot's `observed` list; nothing moves meanwhile."""
+    here = replace(setting(robot), observed=frozenset(observed))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    seen, missing, _ = await Looking(here).effect(action, [WANTED], 0.01, 0)
+    return list(seen), list(missing)
+
+
+async def test_an_effect_on_the_observed_list_is_awaited_though_obs_never_held_it() -> None:
+    robot = Robot(obs={ON: True, RUNNING: True})
+    assert await effect(robot, {SCAN}) == ([], [WANTED])
+
+
+async def test_of_power_nothing_is_awaited_that_was_said_before_the_cut_and_not_since() -> None:
+    class SaidBefore(Robot):
+        """What is said of the scan is from before the act."""
+
+        def value(self, atom: Atom) -> bool | None:
+            return None if atom == SCAN else super().value(atom)
+
+    robot = SaidBefore(obs={ON: True, RUNNING: True, SCAN: True})
+    assert await effect(robot, {SCAN}, "power_up") == ([], [])
+    assert await effect(robot, {SCAN}) == ([], [WANTED])
+
+
+async def test_once_one_observer_has_settled_on_no_the_others_are_not_waited_for_beyond_the_time_out() -> (
+    None
+):
+    class Settling(Robot):
+        """Who observes the map has to judge it anew."""
+
+        def settling_s(self, atom: Atom) -> float:
+            return 3600.0 if atom == MAP else 0.0
+
+    both = frozenset({WANTED, Literal(MAP)})
+    here = replace(setting(Settling(obs={SCAN: False})), observed=frozenset({SCAN, MAP}))
+    here.prediction.expected = lambda: both  # type: ignore[method-assign]  # of no plan
+    async with asyncio.timeout(60):
+        _, missing, _ = await Looking(here).effect("start_node", both, 0.01, 0)
+    assert set(missing) == both
+
+
+async def test_an_effect_that_obs_holds_is_awaited_though_no_list_names_it() -> None:
+    robot = Robot(obs={SCAN: False})
+    assert await effect(robot, set()) == ([], [WANTED])
+    robot.see(SCAN, True)
+    assert await effect(robot, set()) == ([WANTED], [])
+
+
+async def test_an_effect_that_nobody_observes_is_neither_seen_nor_missing() -> None:
+    assert await effect(Robot(obs={}), {ON}) == ([], [])
+
+
+async def test_an_effect_is_awaited_longer_than_the_time_out_where_its_observer_may_need_longer() -> None:
+    class Slow(Robot):
+        def settling_s(self, atom: Atom) -> float:
+            return 600.0
+
+        async def changed(self, revision: int, timeout_s: float) -> int:
+            self.obs[SCAN] = True
+            return revision + 1
+
+    here = replace(setting(Slow(obs={SCAN: False})), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    assert (await Looking(here).effect("start_node", [WANTED], 0.0, 0))[:2] == ((WANTED,), ())
+
+
+async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() -> None:
+    described = replace(CNF, atoms=(*CNF.atoms, MAP), clauses=(*CNF.clauses, (-5, 6)), variables=6)
+    well = {
+        Atom(p, (c,))
+        for p, c in [("on", "lidar"), ("good", "lidar"), ("running", "driver"), ("good", "driver")]
+    }
+    here = replace(
+        setting(Robot(obs={SCAN: False, MAP: False})),
+        prediction=Prediction(Theory(described), described.components, well),
+    )
+    looking = Looking(here)
+    async with asyncio.timeout(60):
+        first, second = await asyncio.gather(
+            looking.effect("start_node", [WANTED], 0.01, 0),
+            looking.effect("start_node", [Literal(MAP)], 600.0, 0),
+        )
+    assert first[:2] == ((), (WANTED,))
+    assert second[:2] == ((), ())  # it is no longer missing, nor was it seen
+
+
+async def test_what_the_plan_was_made_on_and_is_so_no_longer_is_told_and_not_built_upon() -> None:
+    well = {
+        Atom(p, (c,))
+        for p, c in [("on", "lidar"), ("good", "lidar"), ("running", "driver"), ("good", "driver")]
+    }
+    robot = Robot(obs={ON: True, RUNNING: False, SCAN: False})  # it ended while it was planned
+    here = replace(setting(robot), prediction=Prediction(Theory(CNF), CNF.components, well))
+    looking = Looking(here)
+    async with asyncio.timeout(60):
+        broken, awaited = await asyncio.gather(
+            looking.contradiction(), looking.effect("start_node", [WANTED], 600.0, 0)
+        )
+    assert broken == Literal(RUNNING)
+    assert awaited[:2] == ((), ())

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Collection
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -18,6 +19,21 @@ from robomend_client.literals import Atom
 
 LIDAR = frozenset({("lidar",), ("driver",)})
 MAP = frozenset({("mapping",)})
+
+
+def seen(*bad: tuple[str, ...], lapsed: Collection[Atom] = (), symptoms: Collection[Atom] = ()) -> Any:
+    """Return a robot of which these are suspected."""
+    sight = SimpleNamespace(
+        lapsed_bad=lambda: tuple(lapsed), may_be_late_s=lambda atoms: 0.0, symptoms=lambda: symptoms
+    )
+    current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
+    config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
+    return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
+
+
+def begins(found: ReasonsToRepair, robot: Any) -> bool:
+    """Whether a repair begins now."""
+    return found.wait_s(robot, Policy(), Stop()) == 0.0
 
 
 def test_what_was_well_by_itself_often_within_a_minute_is_told_with_its_suspects() -> None:
@@ -42,57 +58,39 @@ def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() ->
 
 
 def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_told_for_ever() -> None:
-    def state(*bad: tuple[str, ...]) -> Any:
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
-        config, parts = SimpleNamespace(policy="auto"), object()
-        system, sight = SimpleNamespace(parts=parts), SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
-        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
-
-    def wait_s(*bad: tuple[str, ...]) -> float:
-        return found.wait_s(cast(Any, state(*bad)), Policy(), Stop())
-
     found, begun = ReasonsToRepair(), 0
     for _ in range(3 * TIMES):
-        if wait_s(*LIDAR) == 0.0:
+        if begins(found, seen(*LIDAR)):
             begun += 1  # and escalated, as the limit of its acts is reached
             found.gave_up(LIDAR, None, interlocked=False, untouched=True)
-        assert wait_s(*LIDAR) > 0.0
-        wait_s()  # well again
+        assert not begins(found, seen(*LIDAR))
+        begins(found, seen())  # well again
     assert begun == TIMES
-    assert wait_s(*MAP) == 0.0
+    assert begins(found, seen(*MAP))
 
     found, begun = ReasonsToRepair(), 0
     for _ in range(3 * TIMES):
-        begun += wait_s(*LIDAR) == 0.0
+        begun += begins(found, seen(*LIDAR))
         found.gave_up(LIDAR, None, interlocked=False)  # something was done each time: see quarantine
-        wait_s()
+        begins(found, seen())
     assert begun == 3 * TIMES
 
 
 def test_what_was_given_up_on_and_only_not_heard_of_is_tried_again_more_and_more_rarely() -> None:
     now_s, scan = 1000.0, Atom("ok", ("scan",))
 
-    def state(*bad: tuple[str, ...], heard: bool = True) -> Any:
-        sight = SimpleNamespace(lapsed_bad=lambda: () if heard else (scan,), may_be_late_s=lambda atoms: 0.0)
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
-        config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
-        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
-
-    def begins(robot: Any) -> bool:
-        return found.wait_s(cast(Any, robot), Policy(), Stop()) == 0.0
-
     found, begun = ReasonsToRepair(), list[float]()
     with patch("time.monotonic", lambda: now_s):
         while now_s < 1000.0 + 10 * LAPSED_S:
-            if begins(state(*LIDAR)):
+            if begins(found, seen(*LIDAR)):
                 begun.append(now_s)
                 found.gave_up(LIDAR, None, frozenset({scan}), interlocked=False)
             now_s += 1.0
-            assert not begins(state(heard=False))  # its reporter is late, again
+            assert not begins(found, seen(lapsed=[scan]))  # its reporter is late, again
             now_s += 1.0
         assert [then - before for before, then in pairwise(begun)] == [2.0, 60.0, 120.0, 240.0]
-        begins(state())  # it was seen to be well
-        assert begins(state(*LIDAR))
+        begins(found, seen())  # it was seen to be well
+        assert begins(found, seen(*LIDAR))
 
 
 RUNS, IMAGE, DEPTH = (Atom("running", ("left",)), Atom("ok", ("image",)), Atom("ok", ("depth",)))
@@ -105,20 +103,12 @@ def test_what_is_heard_of_in_part_is_no_new_fault_whoever_else_may_be_blamed_for
     now_s, then, rng = 1000.0, frozenset({RUNS, IMAGE, DEPTH}), random.Random(seed)
     heard = [(rng.choice(HEARD_OF), rng.choice([0.5, 1.0, 7.0])) for _ in range(200)]
 
-    def state(known: frozenset[Atom]) -> Any:
-        bad = (("left",),) if RUNS in known else (("left",), ("merge",), ("right",)) if known else ()
-        sight = SimpleNamespace(
-            lapsed_bad=lambda: tuple(then - known), may_be_late_s=lambda atoms: 0.0, symptoms=lambda: then
-        )
-        current = SimpleNamespace(healthy=not bad, bad_sets=bad, revision=1)
-        config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
-        return SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
-
     found, begun = ReasonsToRepair(), list[float]()
     with patch("time.monotonic", lambda: now_s):
         for known, for_s in [(then, 1.0), *heard]:
-            robot = state(known)
-            if found.wait_s(cast(Any, robot), Policy(), Stop()) == 0.0:
+            bad = (("left",),) if RUNS in known else (("left",), ("merge",), ("right",)) if known else ()
+            robot = seen(*bad, lapsed=then - known, symptoms=then)
+            if begins(found, robot):
                 begun.append(now_s)
                 found.gave_up(frozenset(robot.current.bad_sets), None, then, interlocked=False)
             now_s += for_s
@@ -133,16 +123,13 @@ def test_what_is_tried_again_after_a_while_is_so_whatever_the_computers_clock_do
 ) -> None:
     """As at a boot without a battery for its clock: NTP sets it a while later."""
     now_s, wall_s = 1000.0, 1e9
-    sight = SimpleNamespace(lapsed_bad=tuple, may_be_late_s=len)
-    current = SimpleNamespace(healthy=False, bad_sets=tuple(LIDAR), revision=1)
-    config, system = SimpleNamespace(policy="auto"), SimpleNamespace(parts=object())
-    robot: Any = SimpleNamespace(current=current, head=1, config=config, system=system, sight=sight)
+    robot = seen(*LIDAR)
     found = ReasonsToRepair()
     with patch("time.monotonic", lambda: now_s), patch("time.time_ns", lambda: round(wall_s * 1e9)):
-        assert found.wait_s(robot, Policy(), Stop()) == 0.0
+        assert begins(found, robot)
         found.gave_up(LIDAR, round((wall_s + 120.0) * 1e9), interlocked=False, takes_up={"times": 1})
         now_s, wall_s = now_s + 110.0, wall_s + 110.0 + jump_s
-        assert found.wait_s(robot, Policy(), Stop()) > 0.0
+        assert not begins(found, robot)
         now_s, wall_s = now_s + 10.1, wall_s + 10.1
-        assert found.wait_s(robot, Policy(), Stop()) == 0.0
+        assert begins(found, robot)
         assert found.again == {"times": 1}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, running, service, the_repair
+from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, put_robot, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
@@ -33,11 +33,6 @@ def many(parameters: int) -> str:
         :parameters ({names} - component)
         :precondition (bad ?p0)
         :effect (and (good ?p0) (not (bad ?p0)) (increase (total-cost) 5))))"""
-
-
-async def put(runtime: Runtime, **changes: Any) -> None:
-    await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-    await runtime.robots.put_robot("r1", {**CONFIG, **changes}, expected=None, by="test")
 
 
 @pytest.mark.parametrize(
@@ -71,14 +66,14 @@ async def test_what_can_never_work_is_refused_with_its_place_and_remedy(
 ) -> None:
     async with service(tmp_path) as runtime:
         with pytest.raises(error) as refused:
-            await put(runtime, **changes)
+            await put_robot(runtime, **changes)
     assert str(refused.value).startswith(said)
 
 
 async def test_an_action_with_too_many_groundings_is_refused_when_the_robot_is_put(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
         with pytest.raises(DomainError) as refused:
-            await put(runtime, domain=many(7))
+            await put_robot(runtime, domain=many(7))
         assert str(refused.value).startswith(
             "domain:2: the action 'fix' has 7 parameters, which makes more than 1000 ground actions"
         )
@@ -88,7 +83,7 @@ async def test_an_action_with_too_many_groundings_is_refused_when_the_robot_is_p
 
 async def test_actions_that_nobody_carries_out_are_named(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
-        await put(runtime, actions={}, observed=[])
+        await put_robot(runtime, actions={}, observed=[])
         found = list(await runtime.repairs.findings("r1"))
         assert found[:2] == [
             f"{action}: nobody carries it out: the robot has no `board`; configure one, or another "
@@ -105,7 +100,7 @@ async def test_actions_that_nobody_carries_out_are_named(tmp_path: Path) -> None
 
 async def test_what_nobody_reports_and_topics_that_nobody_observes_are_named(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
-        await put(runtime, observed=["ok(odom)", "running(mapping)"])
+        await put_robot(runtime, observed=["ok(odom)", "running(mapping)"])
         robot = Robot(runtime.repairs, runtime.robots)
         said = list(await runtime.repairs.findings("r1"))
         assert (
@@ -129,7 +124,7 @@ async def test_a_source_to_be_believed_that_does_not_exist_and_two_agents_of_one
         await runtime.repairs.orders("r1", host=host, wait_s=0.0, agent="onboard", can=[], observes={})
 
     async with service(tmp_path) as runtime:
-        await put(runtime, believe=["pc1", "test robot"])
+        await put_robot(runtime, believe=["pc1", "test robot"])
         robot = Robot(runtime.repairs, runtime.robots)
         await robot.settled()
         for host in ("pc1", "pc2") * 3:
@@ -150,7 +145,9 @@ async def test_nodes_that_no_agent_restarts_are_named_once_all_agents_were_heard
         return [one for one in await runtime.repairs.findings("r1") if "offers it" in one]
 
     async with service(tmp_path) as runtime:
-        await put(runtime, domain=ONCE, actions={**CONFIG["actions"], "recalibrate": {"timeout_s": 3.0}})
+        await put_robot(
+            runtime, domain=ONCE, actions={**CONFIG["actions"], "recalibrate": {"timeout_s": 3.0}}
+        )
         assert await said(runtime) == []  # another may be about to come
         monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
         nobody = "no agent of this robot offers it, and no plan will have it"
@@ -167,7 +164,7 @@ async def test_what_no_agent_does_is_not_sent_and_waited_for_but_told_at_once(
 ) -> None:
     monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
     async with service(tmp_path) as runtime:
-        await put(runtime)
+        await put_robot(runtime)
         robot = OfOneNode(runtime.repairs, runtime.robots)
         async with running(robot):
             await robot.settled()
@@ -182,9 +179,7 @@ async def test_what_no_agent_does_is_not_sent_and_waited_for_but_told_at_once(
         async with running(robot):
             await robot.settled()
             robot.running["mapping"] = False
-            async with asyncio.timeout(60):
-                while (again := await the_repair(runtime))["id"] == repair["id"]:
-                    await asyncio.sleep(0.05)
+            again = await the_repair(runtime, after=repair["id"])
         assert again["state"] == "repaired"
         assert robot.done == ["start_node(mapping)"]
 
@@ -192,8 +187,7 @@ async def test_what_no_agent_does_is_not_sent_and_waited_for_but_told_at_once(
 async def test_what_is_done_to_a_device_goes_to_the_agent_on_its_host(tmp_path: Path) -> None:
     model = MODEL.replace("lidar: {", "lidar: {host: arm_pc, ")
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
+        await put_robot(runtime, model, **CONFIG)
         robot = WithTwoComputers(runtime.repairs, runtime.robots)
         async with running(robot):
             await robot.settled()

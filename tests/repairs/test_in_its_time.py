@@ -12,12 +12,14 @@ from tests.repairs.robot import (
     MODEL,
     SHUT_DOWN,
     Robot,
+    put_robot,
+    repaired,
     robot_on,
-    running,
     service,
     the_repair,
     with_recalibrate,
 )
+from tests.waiting import eventually
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
@@ -44,11 +46,9 @@ async def test_what_a_settled_observer_denies_after_an_act_is_not_waited_for(tmp
             return None
         return 0
 
-    async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
-        robot.spoil = in_vain
-        await robot.settled()
-        robot.broken_topics.add("map")
-        repair = await the_repair(runtime, timeout_s=50.0)
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.broken_topics.add("map"), spoil=in_vain, **config, timeout_s=50.0
+    )
     assert robot.done[0] == "recalibrate(mapping)"
     assert repair["rounds"][0]["reason"].endswith(DENIED)
     assert repair["state"] == "repaired"
@@ -132,16 +132,6 @@ def booted(config: dict[str, Any]) -> dict[str, Any]:
     return {**config, "actions": actions}
 
 
-async def next_repair(runtime: Runtime, before: str) -> dict[str, Any]:
-    """Return the repair after that one, once it has ended."""
-    async with asyncio.timeout(60):
-        while True:
-            repair = await the_repair(runtime)
-            if repair["id"] != before:
-                return repair
-            await asyncio.sleep(0.05)  # until the next look
-
-
 async def test_what_was_given_up_and_is_repairable_later_is_taken_up_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,7 +151,7 @@ async def test_what_was_given_up_and_is_repairable_later_is_taken_up_again(
         robot.connected["lidar_node"] = False
         given_up = await the_repair(runtime)
         there = True
-        repair = await next_repair(runtime, given_up["id"])
+        repair = await the_repair(runtime, after=given_up["id"])
         told = (await runtime.repairs.repair(repair["id"]))["account"]
     assert given_up["state"] == "escalated"
     assert given_up["retry_ns"] > given_up["finished_ns"]
@@ -192,9 +182,9 @@ async def test_a_repair_that_broke_is_begun_again_and_named_so_with_a_back_off(
         await robot.settled()
         robot.running["mapping"] = False
         first = await the_repair(runtime)
-        second = await next_repair(runtime, first["id"])
+        second = await the_repair(runtime, after=first["id"])
         while second["state"] == "failed" and second["again"]["times"] < 2:
-            second = await next_repair(runtime, second["id"])
+            second = await the_repair(runtime, after=second["id"])
     assert first["state"] == "failed"
     assert second["again"]["why"] == "broke"
     assert (second["state"], second["again"]["times"]) == ("repaired", 2)
@@ -208,15 +198,8 @@ async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew
     async def polls(*can: str) -> None:
         await runtime.repairs.orders("r1", host=None, wait_s=0.0, agent="onboard", can=can)
 
-    async def asked_anew(before: str) -> dict[str, Any]:
-        async with asyncio.timeout(60):
-            while (found := await the_repair(runtime, ended=False))["id"] == before:
-                await asyncio.sleep(0.05)  # until the next look
-        return found
-
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", {**CONFIG, "policy": "approve"}, expected=None, by="test")
+        await put_robot(runtime, policy="approve")
         robot = Robot(runtime.repairs, runtime.robots)
         robot.running["mapping"] = False
         reporting = asyncio.create_task(robot.report_for_ever())  # its agent has not asked for work yet
@@ -225,11 +208,11 @@ async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew
             await polls("start_node:lidar_node")
             dropped = await the_repair(runtime)
             if dropped["id"] == first["id"]:
-                nobody = await next_repair(runtime, first["id"])
+                nobody = await the_repair(runtime, after=first["id"])
             else:
                 dropped, nobody = dict(await runtime.repairs.repair(first["id"])), dropped
             await polls("start_node:lidar_node", "start_node:mapping")
-            second = await asked_anew(first["id"])
+            second = await the_repair(runtime, ended=False, after=first["id"])
         finally:
             reporting.cancel()
     assert [step["text"] for step in first["plan"]] == ["start_node(mapping)"]
@@ -246,11 +229,10 @@ async def test_a_plan_of_acts_that_the_agent_turns_out_not_to_offer_is_made_anew
 async def test_an_action_has_the_time_that_its_configuration_or_its_agent_says(
     configured: float | None, said: dict[str, float] | None, handed: float, tmp_path: Path
 ) -> None:
-    config = {**CONFIG, **with_recalibrate()}
+    config = with_recalibrate()
     config["actions"] = {**config["actions"], "recalibrate": {"timeout_s": configured}}
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await put_robot(runtime, **config)
         robot = Robot(runtime.repairs, runtime.robots, broken_topics={"map"})
         reporting = asyncio.create_task(robot.report_for_ever())
         try:
@@ -274,11 +256,8 @@ async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> N
         robot.cut("base")
         first = await the_repair(runtime, ended=False)
         robot.running["mapping"] = False
-        async with asyncio.timeout(60):
-            while robot.done != ["start_node(mapping)"]:
-                await asyncio.sleep(0.05)
-            while (second := await the_repair(runtime, ended=False))["id"] == first["id"]:
-                await asyncio.sleep(0.05)
+        await eventually(lambda: robot.done == ["start_node(mapping)"], "the node is started")
+        second = await the_repair(runtime, ended=False, after=first["id"])
         await runtime.repairs.approve(second["id"], by="ann", reason="")
         repair = await the_repair(runtime)
     assert [step["text"] for step in first["plan"]] == [step["text"] for step in second["plan"]] == SHUT_DOWN
@@ -312,9 +291,7 @@ async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> N
             robot.cut("base")
             await waits_for_the_base(runtime)
             robot.running["mapping"] = False
-            async with asyncio.timeout(60):
-                while "start_node(mapping)" not in robot.done:
-                    await asyncio.sleep(0.05)  # until the next look
+            await eventually(lambda: "start_node(mapping)" in robot.done, "the node is started")
             assert robot.done == ["power_up(base)", "start_node(mapping)"]
             booted.set()
             repair = await the_repair(runtime, timeout_s=60.0)
@@ -399,15 +376,10 @@ async def test_what_is_not_heard_of_when_its_repair_is_begun_is_not_begun_again_
 
     monkeypatch.setattr(RobotRepairs, "_carry_out", late)
     async with service(tmp_path) as runtime:
-        async with robot_on(runtime, observed_timeout_s=0.5):
-            pass
-        robot = Forgetful(runtime.repairs, runtime.robots)
-        async with running(robot):
+        async with robot_on(runtime, Forgetful, observed_timeout_s=0.5) as robot:
             await robot.settled()
             robot.cut("lidar")
-            async with asyncio.timeout(60):
-                while len(ends) < 2:
-                    await asyncio.sleep(0.05)  # until the next look
+            await eventually(lambda: len(ends) >= 2, "two were tried")
             await settles(runtime, healthy=False)  # heard of again: the next try is in a minute
             await asyncio.sleep(1.0)  # time itself: in which nothing may begin
             found = list(await runtime.repairs.repairs("r1", before=None, limit=9))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, SHUT_DOWN, Robot, running, service, the_repair
+from tests.repairs.robot import CONFIG, MODEL, SHUT_DOWN, Robot, put_robot, running, service, the_repair
 from tests.waiting import LOOK_S
 
 from robomend.api.runtime import Runtime
@@ -32,8 +32,7 @@ class Driving(Robot):
 
 @asynccontextmanager
 async def driving(runtime: Runtime, *, parked: bool | None) -> AsyncIterator[Driving]:
-    await runtime.robots.models.put("parked", PARKED, format=None, expected=None, by="test")
-    await runtime.robots.put_robot("r1", {**CONFIG, "model": "parked"}, expected=None, by="test")
+    await put_robot(runtime, PARKED, model="parked")
     robot = Driving(runtime.repairs, runtime.robots, parked=parked)
     async with running(robot):
         yield robot
@@ -53,9 +52,7 @@ async def test_nothing_is_sent_before_the_robot_is_seen_parked_and_then_it_is_re
         why = f"act_when of the model, `ok(parked)`, is not what is observed: {said}"
         assert first["reason"] == f"{why}; suspected: base"
         robot.parked = True
-        async with asyncio.timeout(60):
-            while (second := await the_repair(runtime))["id"] == first["id"]:
-                await asyncio.sleep(LOOK_S)
+        second = await the_repair(runtime, after=first["id"])
         assert second["state"] == "repaired"
     assert robot.done == SHUT_DOWN
 
@@ -87,11 +84,10 @@ async def test_an_action_that_waits_for_its_agent_is_not_handed_out_after_the_ro
     tmp_path: Path,
 ) -> None:
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("parked", PARKED, format=None, expected=None, by="test")
         # It waits for its agent for as long as this test may take.
         patient = {name: {**options, "timeout_s": 120.0} for name, options in CONFIG["actions"].items()}
         config = {**CONFIG, "model": "parked", "actions": patient}
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await put_robot(runtime, PARKED, **config)
         robot = Driving(runtime.repairs, runtime.robots, parked=True)
         robot.cut("base")
         await robot.report()

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import (
+    CONFIG,
+    MODEL,
+    Robot,
+    answers,
+    put_robot,
+    repaired,
+    running,
+    service,
+    the_repair,
+)
 from tests.waiting import eventually, for_ever
 
 from robomend.store import attempts
@@ -18,14 +28,9 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_a_device_that_does_not_come_back_is_named_in_the_end(tmp_path: Path) -> None:
-    async def stays_off(robot: Robot, name: str, parameter: str) -> int | None:
-        return FAILED if name == "power_up" else None
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = stays_off
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime)
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.broken_topics.add("odom"), spoil=answers(FAILED, "power_up")
+    )
     assert "shutdown(base)" in robot.done
     assert repair["state"] == "escalated"
     assert "; left off: base" in repair["reason"]
@@ -55,8 +60,7 @@ async def test_after_a_cut_off_and_a_restart_the_next_plan_brings_back_what_nobo
         return None
 
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("unseen", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", UNSEEN, expected=None, by="test")
+        await put_robot(runtime, MODEL, **UNSEEN)
         robot = Unseen(runtime.repairs, runtime.robots, spoil=hangs)
         async with running(robot):
             await robot.settled()

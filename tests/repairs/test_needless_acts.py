@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, HARDWARE, MODEL, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import (
+    HARDWARE,
+    Robot,
+    put_robot,
+    robot_on,
+    running,
+    service,
+    the_repair,
+)
 
 from robomend.api.runtime import Runtime
 from robomend.repairs.acts import MOST
@@ -59,8 +68,7 @@ class Deaf(Robot):
 async def test_what_a_start_finds_there_is_stopped_first(tmp_path: Path, symptom: Symptom | None) -> None:
     """A kind that does not say that the process has ended plans so at once."""
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
+        await put_robot(runtime)
         kinds = {} if symptom is None else {"running(mapping)": symptom}
         robot = Deaf(runtime.repairs, runtime.robots, kinds=kinds)
         async with running(robot):
@@ -86,35 +94,28 @@ class Reconnecting(Robot):
             self.connected[HARDWARE[parameter]] = self.running[HARDWARE[parameter]]
 
 
-async def lose_power(runtime: Runtime, robot: Robot, before: str = "") -> dict[str, object]:
+async def lose_power(runtime: Runtime, robot: Robot, before: str = "") -> dict[str, Any]:
     """The base loses its power; return its repair."""
     await robot.settled()
     robot.cut("base")
     await robot.report()
-    while True:
-        repair = await the_repair(runtime)
-        if repair["id"] != before:
-            return repair
+    return await the_repair(runtime, after=before)
 
 
 async def test_a_driver_that_is_good_again_is_not_restarted_and_the_next_time_that_is_not_planned(
     tmp_path: Path,
 ) -> None:
-    async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
-        robot = Reconnecting(runtime.repairs, runtime.robots)
-        async with running(robot):
-            first = await lose_power(runtime, robot)
-            assert first["state"] == "repaired"
-            assert robot.done == ["power_up(base)"]
-            steps = {step["text"]: step for step in first["rounds"][0]["plan"]}  # type: ignore[index]  # JSON
-            assert steps["stop_node(base_node)"]["state"] == "already-there"
-            assert steps["stop_node(base_node)"]["message"] == "ok(odom) by now: base_node is not touched"
-            assert steps["start_node(base_node)"]["state"] == "already-there"
-            again = await lose_power(runtime, robot, str(first["id"]))
-            assert again["state"] == "repaired"
-            assert [step["text"] for step in again["plan"]] == ["power_up(base)"]  # type: ignore[attr-defined]  # JSON
+    async with service(tmp_path) as runtime, robot_on(runtime, Reconnecting) as robot:
+        first = await lose_power(runtime, robot)
+        assert first["state"] == "repaired"
+        assert robot.done == ["power_up(base)"]
+        steps = {step["text"]: step for step in first["rounds"][0]["plan"]}
+        assert steps["stop_node(base_node)"]["state"] == "already-there"
+        assert steps["stop_node(base_node)"]["message"] == "ok(odom) by now: base_node is not touched"
+        assert steps["start_node(base_node)"]["state"] == "already-there"
+        again = await lose_power(runtime, robot, first["id"])
+        assert again["state"] == "repaired"
+        assert [step["text"] for step in again["plan"]] == ["power_up(base)"]
     assert robot.done == ["power_up(base)", "power_up(base)"]
 
 
@@ -146,10 +147,7 @@ async def test_a_repair_that_gives_up_starts_again_what_it_stopped(tmp_path: Pat
 
     observed = ["running(skill)", "running(watch)", "ok(grip)", "ok(seen)"]
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("tied", TIED, format=None, expected=None, by="test")
-        await runtime.robots.put_robot(
-            "r1", {**CONFIG, "model": "tied", "observed": observed}, expected=None, by="test"
-        )
+        await put_robot(runtime, TIED, model="tied", observed=observed)
         robot = Skilled(
             runtime.repairs, runtime.robots, running={"skill": True, "watch": True}, connected={}, spoil=spoil
         )

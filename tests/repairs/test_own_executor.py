@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 import textwrap
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 from tests.distributions import install
 from tests.repairs.remote import ended, latest, remote_robot, services
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.anyio
 
@@ -50,9 +50,7 @@ async def test_an_executor_that_is_added_as_the_page_says_repairs_a_robot(
         remote_robot(running, actions=shown["actions"]) as robot,
     ):
         robot.running["mapping"] = False
-        async with asyncio.timeout(60):
-            while not line.exists() or line.read_text() != "1":
-                await asyncio.sleep(0.02)
+        await eventually(lambda: line.exists() and line.read_text() == "1", "it was pulsed")
         robot.running["mapping"] = True
         repair = await latest(running, ended)
     assert repair["state"] == "repaired", repair["reason"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.repairs.robot import (
@@ -12,6 +13,8 @@ from tests.repairs.robot import (
     SHUT_DOWN,
     Robot,
     nothing_begins,
+    put_robot,
+    repaired,
     robot_on,
     service,
     the_repair,
@@ -68,12 +71,33 @@ async def test_a_robot_of_which_only_a_part_is_known_is_not_called_healthy_again
     assert repair["reason"].startswith("not confirmed: nobody reports ok(odom), on(base)")
 
 
-async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, protected=["base", "base_node"]) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime)
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"protected": ["base", "base_node"]}, "base is protected"),
+        # The driver must be stopped and started: two actions on it.
+        (
+            {"limits": {"attempts_per_hour": 1, "rounds": 6}},
+            "more than 1 actions on base_node within an hour, the limit",
+        ),
+        (
+            {"allow": ["start_node", "stop_node"]},
+            "power_up(base): 'power_up' is not on the robot's allow-list (start_node, stop_node)",
+        ),
+    ],
+    ids=["protected", "the limit", "the allow-list"],
+)
+async def test_what_policy_forbids_is_not_begun_and_said_so(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    protected = "protected" in changes
+    repair, robot = await repaired(
+        tmp_path,
+        lambda robot: robot.broken_topics.add("odom") if protected else robot.cut("base"),
+        **changes,
+    )
     assert repair["state"] == "escalated"
+    assert said in repair["reason"]
     assert robot.done == []
 
 
@@ -88,30 +112,6 @@ async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
     assert [step["text"] for step in would["plan"]["steps"]] == SHUT_DOWN
     assert would["plan"]["graph"]["nodes"] == SHUT_DOWN  # the form of POST /plans and `robomend plan`
     assert would["choice"]["bad"] == would["alternatives"][0]["bad"] == ["base"]
-    assert robot.done == []
-
-
-async def test_a_plan_that_the_limit_would_cut_short_is_not_begun(tmp_path: Path) -> None:
-    limits = {"attempts_per_hour": 1, "rounds": 6}
-    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
-        await robot.settled()
-        robot.cut("base")  # the driver must be stopped and started: two actions on it
-        repair = await the_repair(runtime)
-    assert repair["state"] == "escalated"
-    assert "more than 1 actions on base_node within an hour, the limit" in repair["reason"]
-    assert robot.done == []
-
-
-async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, allow=["start_node", "stop_node"]) as robot:
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
-    assert repair["state"] == "escalated"
-    assert (
-        "power_up(base): 'power_up' is not on the robot's allow-list (start_node, stop_node)"
-        in (repair["reason"])
-    )
     assert robot.done == []
 
 
@@ -230,3 +230,27 @@ async def test_after_the_policy_became_observe_the_running_repair_does_nothing_m
     assert repair["state"] == "escalated"
     assert "the policy for 'stop_node' is 'observe'" in repair["reason"]
     assert robot.done == ["power_up(base)"]
+
+
+TIED = """
+robomend: 1
+name: tied
+nodes:
+  moveit: {publishes: {plan: []}}
+  traj_ctl: {publishes: {cmd: [plan]}, tied_to: [moveit], protected: true}
+"""
+
+
+async def test_a_node_is_not_restarted_if_a_protected_one_would_have_to_restart_after_it(
+    tmp_path: Path,
+) -> None:
+    seen = ("running(moveit)", "running(traj_ctl)", "not ok(plan)")
+    async with service(tmp_path) as runtime:
+        config = {**CONFIG, "model": "tied", "observed": [*seen[:2], "ok(plan)"]}
+        await put_robot(runtime, TIED, **config)
+        await runtime.robots.observe("r1", Batch(seen, source="test"))
+        repair = await the_repair(runtime)
+        assert await runtime.repairs.orders("r1", host=None, wait_s=0.0) is None
+    assert repair["state"] == "escalated"
+    assert "stop_node(moveit) is refused: traj_ctl, tied to it, is protected" in repair["reason"]
+    assert repair["plan"] == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -26,9 +25,9 @@ QUICK = {"timeout_s": 20.0, "effect_timeout_s": 1.0, "retries": 0}
 async def mapping_robot(runtime: Runtime, remedies: str, **changes: Any) -> AsyncIterator[Robot]:
     """A robot whose map can be mended by asking, with the act `clear`."""
     model = f"{MODEL}remedies:\n{remedies}\n".replace("name: small", "name: mended")
-    await runtime.robots.models.put("mended", model, format=None, expected=None, by="test")
     actions = {**CONFIG["actions"], "clear": QUICK}
-    async with robot_on(runtime, **{"model": "mended", "actions": actions, **changes}) as robot:
+    about = {"source": model, "model": "mended", "actions": actions, **changes}
+    async with robot_on(runtime, **about) as robot:
         robot.spoil = clears
         await robot.settled()
         yield robot
@@ -128,8 +127,7 @@ async def test_of_two_that_may_be_asked_for_at_once_that_of_what_is_needed_more_
             said = "essential" if node == essential else "optional"
             model = model.replace(f"  {node}: {{", f"  {node}: {{criticality: {said}, ")
         model = f"{model}remedies:\n{remedies}\n".replace("name: small", "name: mended")
-        await runtime.robots.models.put("mended", model, format=None, expected=None, by="test")
-        async with robot_on(runtime, model="mended", actions=actions) as robot:
+        async with robot_on(runtime, source=model, model="mended", actions=actions) as robot:
             robot.spoil = heals
             await robot.settled()
             robot.broken_topics |= {"map", "odom"}
@@ -193,9 +191,7 @@ async def test_one_that_names_no_component_counts_for_what_it_mends(tmp_path: Pa
         assert first["state"] == "repaired"
         await robot.settled()
         robot.broken_topics.add("map")
-        async with asyncio.timeout(60):
-            while (repair := await the_repair(runtime))["id"] == first["id"]:
-                await asyncio.sleep(0.05)  # until the next look
+        repair = await the_repair(runtime, after=first["id"])
     assert repair["state"] == "escalated"
     assert robot.done == ["clear(all)"]
     assert "more than 1 actions on mapping within an hour, the limit" in repair["reason"]

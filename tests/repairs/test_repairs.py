@@ -10,6 +10,9 @@ from tests.repairs.robot import (
     CONFIG,
     SHUT_DOWN,
     Robot,
+    answers,
+    put_robot,
+    repaired,
     robot_on,
     running,
     service,
@@ -22,10 +25,7 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_a_device_that_lost_power_is_repaired_in_one_plan(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
+    repair, robot = await repaired(tmp_path, lambda robot: robot.cut("base"))
     assert repair["state"] == "repaired"
     assert repair["diagnosis"]["bad"] == ["base"]
     assert [step["state"] for step in repair["plan"]] == ["done"] * 3
@@ -59,11 +59,10 @@ async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_p
             self.running[parameter] = name == "start_node"
 
     async with service(tmp_path) as runtime:
-        await runtime.robots.models.put("circular", model, format=None, expected=None, by="test")
         nodes = dict.fromkeys(("camera", "slam", "localizer"), True)
         observed = [f"running({node})" for node in nodes] + ["ok(image)", "ok(map)", "ok(pose)"]
         config = {**CONFIG, "model": "circular", "observed": observed}
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await put_robot(runtime, model, **config)
         async with running(Circular(runtime.repairs, runtime.robots, running=nodes | {"camera": False})):
             repair = await the_repair(runtime)
     assert (repair["state"], repair["reason"]) == (
@@ -75,21 +74,15 @@ async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_p
 
 async def test_the_paper_s_domain_needs_two_rounds_and_never_cycles_power(tmp_path: Path) -> None:
     paper = (Path(__file__).parents[2] / "pddl" / "paper-repair.pddl").read_text()
-    async with service(tmp_path) as runtime, robot_on(runtime, domain=paper) as robot:
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
+    repair, robot = await repaired(tmp_path, lambda robot: robot.cut("base"), domain=paper)
     assert repair["state"] == "repaired"
     assert [one["diagnosis"]["bad"] for one in repair["rounds"]] == [["base"], ["base_node"]]
     assert robot.done == SHUT_DOWN
 
 
 async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -> None:
-    async def stuck(robot: Robot, name: str, parameter: str) -> int | None:
-        return 0 if name == "power_up" else None
-
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = stuck
+        robot.spoil = answers(0, "power_up")
         await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
@@ -105,11 +98,8 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
 
 
 async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tmp_path: Path) -> None:
-    async def in_vain(robot: Robot, name: str, parameter: str) -> int | None:
-        return 0 if name == "start_node" else None
-
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = in_vain
+        robot.spoil = answers(0, "start_node")
         await robot.settled()
         bounds = {"bound_s": 60.0, "detect_s": 30.0}
         drill = await runtime.drills.create(
@@ -128,11 +118,8 @@ async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tm
 
 
 async def test_a_release_counts_although_the_service_ended_before_the_next_try(tmp_path: Path) -> None:
-    async def stuck(robot: Robot, name: str, parameter: str) -> int | None:
-        return 0 if name == "power_up" else None
-
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = stuck
+        robot.spoil = answers(0, "power_up")
         await robot.settled()
         robot.cut("base")
         first = await the_repair(runtime)
@@ -152,14 +139,8 @@ async def test_a_release_counts_although_the_service_ended_before_the_next_try(t
 
 
 async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path) -> None:
-    async def dies(robot: Robot, name: str, parameter: str) -> int | None:
-        return 1 if (name, parameter) == ("start_node", "mapping") else None
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = dies
-        await robot.settled()
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime)
+    dies = answers(1, "start_node")
+    repair, _ = await repaired(tmp_path, lambda robot: robot.running.update(mapping=False), spoil=dies)
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
         "start_node(mapping) failed (2 times); no known repair: mapping: start_node(mapping) is refused: "

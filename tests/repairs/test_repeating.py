@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, service, the_repair
+from tests.repairs.robot import Robot, answers, repaired
 
 from robomend.repairs.acts import Repeats, parameters_of
 from robomend_client.actions import FAILED, NO_PROGRAM, OK, REFUSED, Action, ActionResult
@@ -80,14 +80,9 @@ def test_the_parameters_of_an_act_are_read_from_its_text(text: str, parameters: 
 
 @pytest.mark.anyio
 async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_why(tmp_path: Path) -> None:
-    async def no_such_program(robot: Robot, name: str, parameter: str) -> int | None:
-        return NO_PROGRAM if name == "start_node" else None
-
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.spoil = no_such_program
-        robot.running["mapping"] = False
-        repair = await the_repair(runtime)
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.running.update(mapping=False), spoil=answers(NO_PROGRAM, "start_node")
+    )
     assert repair["state"] == "escalated"
     assert robot.done == ["start_node(mapping)"] * 2
     assert (
@@ -112,10 +107,7 @@ def test_what_cures_no_better_the_next_time_is_done_once_unless_something_else_i
 async def test_a_device_that_comes_back_dead_loses_its_power_once_and_its_driver_is_tried_once_more(
     tmp_path: Path,
 ) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime, timeout_s=120)
+    repair, robot = await repaired(tmp_path, lambda robot: robot.broken_topics.add("odom"), timeout_s=120)
     assert repair["state"] == "escalated"
     assert robot.done.count("shutdown(base)") == robot.done.count("power_up(base)") == 1
     assert robot.done.count("start_node(base_node)") == 3
@@ -136,11 +128,9 @@ async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restar
             robot.broken_topics.discard("odom")
         return None
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.spoil = spoil
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime, timeout_s=120)
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.broken_topics.add("odom"), spoil=spoil, timeout_s=120
+    )
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done == [
         *("stop_node(base_node)", "start_node(base_node)"),

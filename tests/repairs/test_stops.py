@@ -33,27 +33,6 @@ async def stop(runtime: Runtime, repair: str) -> object:
 HALTS = [pytest.param(cancel, id="cancel"), pytest.param(stop, id="stop")]
 
 
-async def test_cancelling_cuts_off_a_running_action(tmp_path: Path) -> None:
-    begun = asyncio.Event()
-    patient = {name: {**how, "timeout_s": 600.0} for name, how in CONFIG["actions"].items()}
-
-    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
-        begun.set()
-        await for_ever()
-        return None
-
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=patient) as robot:
-        robot.spoil = hangs
-        await robot.settled()
-        robot.cut("base")
-        await begun.wait()
-        [running] = await runtime.repairs.repairs("r1", before=None, limit=1)
-        await runtime.repairs.cancel(running["id"], by="ann", reason="I see smoke")
-        ended = await the_repair(runtime)
-    assert (ended["state"], ended["reason"]) == ("cancelled", "I see smoke")
-    assert robot.done == []
-
-
 async def test_the_global_stop_ends_repairs_and_keeps_new_ones_from_beginning(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         await robot.settled()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, running, service, the_repair
+from tests.repairs.robot import CONFIG, Robot, put_robot, running, service, the_repair
 from tests.robomend_board.processes import running as emulator
 from tests.waiting import eventually
 
@@ -107,7 +107,6 @@ def by_agent(*names: str) -> dict[str, Any]:
 @asynccontextmanager
 async def scanners(runtime: Runtime, board: Any, chosen: Path) -> AsyncIterator[ScannerRobot]:
     """Robot r1 with two scanners on an emulated board."""
-    await runtime.robots.models.put("scanners", SCANNERS, format=None, expected=None, by="test")
     switch = {"executor": {"kind": "process", "options": {"program": "choose-scanner"}}, "timeout_s": 5.0}
     config = {
         **CONFIG,
@@ -120,7 +119,7 @@ async def scanners(runtime: Runtime, board: Any, chosen: Path) -> AsyncIterator[
             "switch_to_spare": {**switch, "idempotent": True},
         },
     }
-    await runtime.robots.put_robot("r1", config, expected=None, by="test")
+    await put_robot(runtime, SCANNERS, **config)
     robot = ScannerRobot(runtime.repairs, runtime.robots, control_port=board.control_port, chosen=chosen)
     async with running(robot):
         yield robot
@@ -156,16 +155,3 @@ async def test_a_scanner_that_its_driver_s_restart_does_not_bring_back_is_replac
     # could not help against a broken scanner.
     assert done[0] == ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert len(done) == 2
-
-
-async def test_a_program_that_the_settings_do_not_name_is_refused_by_name(tmp_path: Path) -> None:
-    with emulator("--on", "3,4") as board:
-        async with (
-            service(tmp_path) as runtime,
-            scanners(runtime, board, tmp_path / "chosen") as robot,
-        ):
-            await robot.settled()
-            await fault(board.control_port, "open")
-            repair = await the_repair(runtime)
-    assert repair["state"] == "failed"
-    assert "the service's settings name no program 'choose-scanner'" in repair["reason"]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from robomend_batch.joined import Joined
 from robomend_batch.one_log import RESULTS, Record
+from robomend_batch.run import Joined
 
 LOGS = {"a": ["a"], "a!": ["a!"], "b": ["b#x", "b#y"], "b#": [], "c": ["c"]}
 """File -> its logs."""

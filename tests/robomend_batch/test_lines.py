@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from tests.robomend_batch.running import batch_run, ndjson, tree
 
 from robomend_batch import parts
-from robomend_batch.lines import AFTER, BEFORE, lines
 from robomend_batch.one_log import RESULTS
-from robomend_batch.parts import schema
+from robomend_batch.parts import AFTER, BEFORE, lines, schema
 
 NAMES = st.lists(st.text(st.characters(codec="utf-8"), max_size=8), max_size=3)
 ANSWERS = st.tuples(

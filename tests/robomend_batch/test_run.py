@@ -283,8 +283,8 @@ def test_a_long_log_is_written_in_parts_and_merged_across_them(
     assert batch_run(tmp_path / "one", log) == 0
     monkeypatch.setattr("robomend_batch.parts.PART", 7)
     monkeypatch.setattr("robomend_batch.parts.GROUP", 3)
-    monkeypatch.setattr("robomend_batch.lines.TAILS", 5)
-    monkeypatch.setattr("robomend_batch.lines.SLICE", 2)
+    monkeypatch.setattr("robomend_batch.parts.TAILS", 5)
+    monkeypatch.setattr("robomend_batch.parts.SLICE", 2)
     monkeypatch.setattr("robomend_batch.logs.text.TOGETHER", 5)
     assert batch_run(tmp_path / "many", log) == 0
     assert len(list((tmp_path / "many" / "results").iterdir())) > 20

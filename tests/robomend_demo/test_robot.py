@@ -20,7 +20,7 @@ from tests.robomend_demo.test_devices import devices
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
 from robomend_client.agent.config import load
-from robomend_demo.robot import agent_config, devices_config, nodes_config
+from robomend_demo.cast import agent_config, devices_config, nodes_config
 
 TEDUSAR = Path(__file__).parents[2] / "examples" / "tedusar.yaml"
 SWITCHED = {"laser_alignment": 1, "hokuyo": 3, "jaguar": 7}

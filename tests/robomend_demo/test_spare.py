@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robomend_demo.cast import tedusar, tedusar_with_spare
-from robomend_demo.robot import agent_config, nodes_config
+from robomend_demo.cast import agent_config, nodes_config, tedusar, tedusar_with_spare
 from robomend_demo.spare import switch
 
 ADDRESSES = {"hokuyo": "127.0.0.1:1", "hokuyo_b": "127.0.0.1:2", "jaguar": "127.0.0.1:3"}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import os
 import pickle
+import sqlite3
 import threading
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,6 +17,7 @@ import pytest
 from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, with_robots
+from tests.waiting import eventually
 
 from robomend.api.store_probe import StoreProbe
 from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
@@ -59,9 +61,7 @@ async def test_a_server_that_went_away_is_an_error_until_it_is_back(
         obs = await store.read(observations.obs, "r1")
         assert obs.revision == revision
         assert {"scan", "back"} <= {e.atom.args[0] for e in obs.entries}
-        async with asyncio.timeout(60):
-            while heard[-1:] != [revision]:
-                await asyncio.sleep(0.01)
+        await eventually(lambda: heard[-1:] == [revision], "the newest event is heard")
         assert heard == list(range(2, revision + 1))
     finally:
         await store.close()
@@ -284,3 +284,53 @@ async def test_a_sqlite_database_can_be_read_by_its_owner_only(tmp_path: Path) -
     modes = {p.name: p.stat().st_mode & 0o077 for p in [path.parent, *path.parent.glob("*.db*")]}
     assert set(modes.values()) == {0}
     await store.close()
+
+
+# --- processes write one SQLite file in turns: who waits goes on as soon as it is free, or is told
+
+
+async def test_a_writer_waits_for_another_process_and_then_writes(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    store = Store(f"sqlite:///{path}")
+    await store.start()
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    writing = asyncio.ensure_future(
+        store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
+    )
+    await asyncio.sleep(0.2)  # many turns
+    assert not writing.done()
+    other.execute("ROLLBACK")
+    assert (await writing).active
+    other.close()
+    await store.close()
+
+
+async def test_one_who_waits_for_too_long_is_told_and_the_next_write_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "robomend.db"
+    store = Store(f"sqlite:///{path}")
+    await store.start()
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_S", 0.2)
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(StoreError, match=r"kept the database locked for 0\.2 s"):
+        await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
+    other.execute("ROLLBACK")
+    other.close()
+    assert (await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))).active
+    await store.close()
+
+
+def test_a_writers_connection_waits_again_when_it_is_a_readers(tmp_path: Path) -> None:
+    opened = database.Database(f"sqlite:///{tmp_path}/robomend.db")
+    opened.prepare()
+    with closing(opened.open_writer()) as writer:
+        with writer.begin():
+            assert writer.exec_driver_sql("PRAGMA busy_timeout").scalar() == 0
+        used = writer.connection.driver_connection
+    with opened.reading() as reader:
+        assert reader.connection.driver_connection is used
+        assert reader.exec_driver_sql("PRAGMA busy_timeout").scalar() == database.BUSY_TIMEOUT_S * 1000
+    opened.dispose()

@@ -176,9 +176,7 @@ async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_mor
         assert new == Fence("r1", old.number + 1)
         with pytest.raises(Fenced):
             await store.write(lambda tx: repairs.create(tx, "r1", state="running", data={}, fence=old))
-        async with asyncio.timeout(60):
-            while store.ownership.instance in ("", before):
-                await asyncio.sleep(0.01)
+        await eventually(lambda: store.ownership.instance not in ("", before), "it is another instance")
         assert await store.ownership.acquire("r1") is None
     finally:
         await store.close()

@@ -3,7 +3,7 @@
     logs ──► what was published, by whom, when, which values ──► numbers, each with its evidence ──► DRAFT/
      gathering.py                                        rates, delays, matches, ranges         draft.py
         │                                                                                          │
-        └── stretches.py: three of four are learned from, the fourth is held back ──► trial.py ◄───┘
+        └── stretches.py: three of four are learned from, the fourth is held back ──► a trial ◄────┘
 
 tails.py        what is rare, beyond what was seen
 rates.py        the rate of a topic, how far it strays, how long it is silent
@@ -13,7 +13,6 @@ ranges.py       the numbers in /diagnostics
 words.py        names and numbers as YAML has them
 model.py        the graph, and what else the model must declare
 draft.py        the observers' file
-trial.py        the drafted observers over what was held back: the false alarms that are told
 update.py       changes of a file that exists, as a diff
-learning.py     all of it, in order
+learning.py     all of it, in order; the drafted observers over what was held back: the false alarms
 """

@@ -16,16 +16,19 @@ from robomend.model.from_graph import is_plumbing, is_tool, slug
 from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
-from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, gather
+from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, gather, open_log
 from robomend_batch.learn.matches import learn_matches
 from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
 from robomend_batch.learn.stretches import Stretch, hours
-from robomend_batch.learn.trial import false_alarms
-from robomend_batch.observing import load_observers
+from robomend_batch.logs.wanted import Wants
+from robomend_batch.observing import Observing, load_observers
+from robomend_batch.problems import Problems
 from robomend_client.counts import counted
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
+from robomend_client.observers.combining import Change
+from robomend_client.observers.driver import Driver
 from robomend_client.ros_graph import RosGraph
 
 NO_GRAPH = RosGraph()
@@ -416,3 +419,46 @@ def _head(
         measured,
         "Beside each number is what it rests on. Beyond what was seen, tails are taken to fall by a power.",
     ]
+
+
+# --- the drafted observers over what was held back: by the same reader and driver as `robomend-batch run`.
+#
+# Whatever turns false there is a false alarm, for the robot was healthy.
+
+
+def false_alarms(observing: Observing, names: Sequence[str], stretches: Sequence[Stretch]) -> Counter[Atom]:
+    """Return how often each atom turned false in stretches of the logs, each of which is judged by itself."""
+    found: Counter[Atom] = Counter()
+    for log in sorted({stretch.log for stretch in stretches}):
+        mine = [stretch for stretch in stretches if stretch.log == log]
+        found += _of_log(observing, Path(names[log]), mine)
+    return found
+
+
+def _of_log(observing: Observing, path: Path, stretches: Sequence[Stretch]) -> Counter[Atom]:
+    found: Counter[Atom] = Counter()
+
+    def count(changes: Sequence[Change]) -> None:
+        found.update(c.atom for c in changes if c.value is not None and not c.value.positive)
+
+    with open_log(path) as recording:
+        wants = Wants(recording.channels, observing.specs, path, Problems(), False, observing.names)
+        drivers = [
+            Driver([spec.make() for spec in wants.specs], stretch.start_ns, lenient=observing.lenient)
+            for stretch in stretches
+        ]
+        here = 0
+        for time_ns, number, data in recording.messages(wants.channels):
+            while here + 1 < len(stretches) and time_ns >= stretches[here + 1].start_ns:
+                here += 1
+            if not stretches[here].start_ns <= time_ns < stretches[here].end_ns:
+                continue
+            for source, extract in wants.of[number]:
+                try:
+                    value = None if extract is None or data is None else extract(data)
+                except Exception:  # noqa: BLE001  # damaged bytes raise whatever: counted when they were gathered
+                    continue
+                count(drivers[here].sample(source, time_ns, value))
+        for driver, stretch in zip(drivers, stretches, strict=True):
+            count(driver.advance(stretch.end_ns - 1))
+    return found

@@ -15,8 +15,8 @@ What could be known and done
     policy.py      the cheapest repair of one who sees only what can be observed
 A trial
     observing.py   the observers of a host: the one place where literals are made
-    agents.py, power.py   the robot's agents and its board, towards the service
-    live.py        a robot in real time
+    agents.py      the robot's agents, towards the service
+    live.py        a robot in real time, and its board
     record.py      what happened
     trial.py, stretches.py, bench.py   one trial; robots without faults; many side by side
     standins.py    scripted agents in place of the service

@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.actions import FAILED, OK, REFUSED, UNDONE_BEFORE, ActionResult
-from robomend_client.agent import stand_in
 from robomend_client.agent.broker import Broker, TopicMessage
 from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.agent.spawn import Handle, NotStarted, boot_id, spawn
@@ -121,6 +120,9 @@ UNDO_S = 30.0
 
 BEYOND_S = 60.0
 """A stand-in ends by itself so long after its lease."""
+
+MUTE_PROCESS = "import sys, time; time.sleep(float(sys.argv[1]))"
+"""What stands in a node's place. It imports nothing of ours, so that it is there at once."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,7 @@ class PlantedFaults:
 
     async def _replace(self, process: SupervisedProcess, lease: Lease, lease_s: float) -> bool:
         """Put a mute process in a node's place; it ends with this agent, whatever the others do."""
-        words = (sys.executable, "-I", "-S", stand_in.__file__, str(lease_s + BEYOND_S))
+        words = (sys.executable, "-I", "-S", "-c", MUTE_PROCESS, str(lease_s + BEYOND_S))
         other = spawn(words, None, {}, dies_with_agent=True)
         try:
             self._begin(_of_process(lease, other))

@@ -12,7 +12,7 @@ power was cycled, are two repairs of what came back both times.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
@@ -31,21 +31,15 @@ def quarantined(
     tried: Iterable[Attempt],
     *,
     now_ns: int,
-    released: Mapping[str, int] | None = None,
     patience: Patience = DEFAULT_PATIENCE,
 ) -> dict[str, Quarantined]:
-    """Return the components to leave alone now as their last repairs all failed, with doubling back-off.
-
-    Args:
-        released: when a person let a component be tried again; what came before does not count.
-    """
+    """Return the components to leave alone now as their last repairs all failed, with doubling back-off."""
     failures: dict[str, int] = {}
     last_ns: dict[str, int] = {}
     for one in sorted(tried, key=lambda one: one.time_ns):
         for name in one.bad:
-            if one.time_ns >= (released or {}).get(name, one.time_ns):
-                failures[name] = 0 if one.helped else failures.get(name, 0) + 1
-                last_ns[name] = one.time_ns
+            failures[name] = 0 if one.helped else failures.get(name, 0) + 1
+            last_ns[name] = one.time_ns
     found: dict[str, Quarantined] = {}
     for name, count in failures.items():
         until_ns = last_ns[name] + _backoff_ns(count - patience.attempts, patience)

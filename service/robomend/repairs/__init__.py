@@ -2,8 +2,7 @@
 
 states.py            the states of a repair and of its steps, as tables
 repairs.py           what people, pages and agents may ask of the repairs of all robots
-robot_loops.py       which robots are ours, and what wakes their loops
-robot_repairs.py     one robot's: when a repair begins, and that it ends
+robot_repairs.py     which robots are ours; of each, when a repair begins, and that it ends
 live_repair.py       one repair: what the loop asks for, answered by robots, store, planners and executors
 reasons.py           whether there is a reason to begin one by itself
 choosing.py          the situation that a choice is made in

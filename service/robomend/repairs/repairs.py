@@ -1,7 +1,7 @@
 """What the HTTP interface asks of the repairs: plans, approvals, the global stop, and what agents say.
 
 Requests (approve, cancel, a new repair) are written into the store by whichever instance was asked; the event
-wakes the owner's loop (robot_loops.py). So nothing here depends on who owns the robot.
+wakes the owner's loop (robot_repairs.py). So nothing here depends on who owns the robot.
 
 Every mapping that comes back holds JSON values only and is served as it is, in the literature's words:
 
@@ -35,7 +35,7 @@ from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import change_json, repair_json
-from robomend.repairs.robot_loops import RobotLoops
+from robomend.repairs.robot_repairs import RobotLoops
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots import configuring

@@ -55,7 +55,7 @@ class Diagnosing:
         )
 
     def on_diagnosis(self, callback: Callable[[Robot], None]) -> None:
-        """Call back with a robot after each diagnosis of it, as robot_loops.py is; it must not block."""
+        """Call back with a robot after each diagnosis of it, as robot_repairs.py is; it must not block."""
         self._callbacks.append(callback)
 
     async def close(self) -> None:

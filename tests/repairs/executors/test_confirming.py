@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from tests.repairs.executors.test_board import Board
+from tests.repairs.executors.test_board import Board, quiet
 from tests.store.examples import with_robots
 
 from robomend import webhooks
@@ -28,10 +28,6 @@ pytestmark = pytest.mark.anyio
 async def lost() -> None:
     """Find out that another instance has taken over."""
     raise Fenced("r1 was taken over")
-
-
-def quiet(code: int, message: str) -> None:
-    pass
 
 
 @pytest.fixture

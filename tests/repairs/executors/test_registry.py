@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from tests.repairs.executors.test_board import quiet
 
 from robomend.board.link import BoardLink
 from robomend.errors import InputError, OptionRefused
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors import registry
-from robomend.repairs.executors.registry import EXECUTORS, Surroundings, check, executors
+from robomend.repairs.executors.registry import EXECUTORS, Once, Surroundings, check, executors
 from robomend.robots.boards import WiredBoard
+from robomend_client.actions import Action, ActionResult, Feedback
 
 ROOT = Path(__file__).parents[3]
 
@@ -119,3 +121,53 @@ def test_what_comes_with_us_is_in_the_three_places_of_the_recipe() -> None:
         assert callable(import_module(module).make)
         assert re.search(rf"^    {kind}  ", told, re.MULTILINE), f"no line for {kind} at the head"
         assert f"\n| `{kind}` | " in page, f"no row for {kind} in docs/repair.md"
+
+
+# --- a repeated action id gets the first result
+
+
+class Counting:
+    """Answers with how often it was called."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+        self.let_go = asyncio.Event()
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        self.calls += 1
+        await self.let_go.wait()
+        return ActionResult(self.calls, action.id)
+
+
+@pytest.mark.anyio
+async def test_the_second_call_gets_the_first_result() -> None:
+    inner = Counting()
+    inner.let_go.set()
+    once = Once(inner)
+    action = Action("r-1:0", "power_up", ("lidar",), 1.0)
+    assert await once.execute(action, quiet) == await once.execute(action, quiet) == ActionResult(1, "r-1:0")
+    assert inner.calls == 1
+
+
+@pytest.mark.anyio
+async def test_a_call_during_the_first_waits_for_it() -> None:
+    inner = Counting()
+    once = Once(inner)
+    action = Action("r-1:0", "power_up", ("lidar",), 1.0)
+    both = [asyncio.create_task(once.execute(action, quiet)) for _ in range(2)]
+    await asyncio.sleep(0)
+    inner.let_go.set()
+    assert {result.code for result in await asyncio.gather(*both)} == {1}
+
+
+@pytest.mark.anyio
+async def test_a_cancelled_call_leaves_no_result() -> None:
+    inner = Counting()
+    once = Once(inner)
+    action = Action("r-1:0", "power_up", ("lidar",), 1.0)
+    task = asyncio.create_task(once.execute(action, quiet))
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait([task])
+    inner.let_go.set()
+    assert (await once.execute(action, quiet)).code == 2

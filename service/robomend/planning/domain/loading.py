@@ -174,7 +174,6 @@ def _find(sections: Sequence[Brackets], name: str) -> Word | None:
 
 
 DEFAULT_DOMAIN = "repair.pddl"
-PAPER_DOMAIN = "paper-repair.pddl"
 MAX_CHARACTERS = 200_000
 
 
