@@ -425,8 +425,8 @@ class Moments:
         self, client: AsyncClient, file: Path, quiet: Callable[[], bool], *, is_open: bool
     ) -> bool:
         """Send a moment; return False where observations have come in between: they go first."""
-        text = self._unwritten.get(file.stem) or await asyncio.to_thread(file.read_bytes)
-        moment = json.loads(text)
+        text = self._unwritten.get(file.stem)
+        moment = json.loads(await asyncio.to_thread(file.read_bytes) if text is None else text)
         if not is_open:
             moment["complete"] = True  # also of an agent that was killed before it was
         kept = await client.keep_moment(self._robot, moment)
