@@ -70,7 +70,8 @@ class Lateness:
     limit of its container, by signals that halt it, or as it has too much to do itself.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most: float = MOST_LATE) -> None:
+        self._most = most
         self._late_s = 0.0
         self._seen: deque[tuple[float, float, float]] = deque()  # when, late until then, waited until then
         self._starved_until_s = float("-inf")
@@ -86,7 +87,7 @@ class Lateness:
         span_s = now_s - seen[0][0]
         if span_s >= LATE_LEAST_S:
             most_s = max(seen[-1][1] - seen[0][1], seen[-1][2] - seen[0][2])
-            if most_s > MOST_LATE * span_s:
+            if most_s > self._most * span_s:
                 self._starved_until_s = now_s + STARVED_FOR_S
         return now_s < self._starved_until_s
 

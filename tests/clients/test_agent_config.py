@@ -83,6 +83,15 @@ def test_a_unit_s_state_folder_is_the_default_as_the_file_s_own_may_be_read_only
     assert loaded(tmp_path, f"{short}state_dir: mine\n").state_dir == tmp_path / "mine"
 
 
+@pytest.mark.parametrize(
+    ("line", "part"), [("", 0.2), ("starved: 0.5", 0.5), ("starved: false", None), ("starved: no", None)]
+)
+def test_from_which_part_of_the_time_on_it_is_starved_is_given_or_never(
+    tmp_path: Path, line: str, part: float | None
+) -> None:
+    assert loaded(tmp_path, f"robot: r\nservice: {{url: 'http://h'}}\n{line}\n").starved == part
+
+
 def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
     assert "s3cret" not in repr(loaded(tmp_path, WHOLE))
 
@@ -111,6 +120,8 @@ def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
         ("lifetime_s: 5", "lifetime_s: 5__0", ":7: report.lifetime_s: must be a number"),
         ("buffer_mb: 1}", "buffer_mb: 0}", ":7: report.buffer_mb: must be from 0.01"),
         ("when_agent_ends: keep", "when_agent_ends: pray", ":8: when_agent_ends: must be one of stop, keep"),
+        ("host: pc", "starved: 2", ":3: starved: must be from 0.01 to 1"),
+        ("host: pc", "starved: true", ":3: starved: must be a number"),
         ("settle: 5", "settle: 11", ":9: rate.settle: settle must be from 1 to window"),
         ("window: 11", "window: 2.5", ":9: rate.window: must be a whole number"),
         ("rate_hz: 20", "rate_hz: 1", ":11: topics./scan.silence_s: silence_s of 0.5 is no longer"),

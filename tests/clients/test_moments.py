@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
 import pytest
+from tests.clients.bridges.any_robot import any_robot
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.clients.talker import watching
@@ -140,27 +144,96 @@ def test_what_is_refused_is_said_and_costs_nothing_else(service: ServiceDouble, 
         eventually(lambda: service.holds().get("ok(x)") is None and service.holds(), "observations go on")
 
 
-def test_a_full_disk_loses_the_moment_and_nothing_else(service: ServiceDouble, tmp_path: Path) -> None:
-    """A bound on the size of any file stands in for the disk: writing beyond it fails likewise."""
-    topics: dict[str, dict[str, Any]] = {"scan": {}, **{f"other{number}": {} for number in range(20)}}
-    moments = {"after_s": 0, "disk_mb": 1}
-    with watching(tmp_path, service.url, topics=topics, moments=moments) as (process, talker):
-        eventually(lambda: process.poll() is None, "an agent")
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (100_000, 100_000))
-        for name in topics:
-            talker.say(name, data=["x" * 1000] * 50)
-        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
-        log = tmp_path / "agent.log"
-        most = log.stat().st_size + 6000  # for the log: less than the moment takes
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (most, 100_000))
-        talker.hush("scan")
-        eventually(lambda: "a moment is lost" in log.read_text(), "it is said")
-        eventually(lambda: service.holds().get("ok(scan)") is False, "the observation came all the same")
-        talker.say("scan")
-        eventually(lambda: service.holds().get("ok(scan)"), "observing goes on")
-        assert process.poll() is None
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (100_000, 100_000))
-    assert waiting(tmp_path) == []
+class Disk:
+    """The folder of an agent's moments on a small disk of its own; where none may be mounted, a bound on the
+    size of any file stands in for it: writing beyond it fails likewise.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self._filler = folder, folder / "filler"
+        self.agent = 0  # the number of its process
+        folder.mkdir(parents=True)
+        command = ["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", str(folder)]
+        self.mounted = subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+    def fill(self, left: int) -> None:
+        """Leave so many bytes."""
+        if not self.mounted:
+            resource.prlimit(self.agent, resource.RLIMIT_FSIZE, (left, resource.RLIM_INFINITY))
+            return
+        found = os.statvfs(self.folder)
+        with self._filler.open("ab") as filler:
+            filler.write(bytes(max(0, found.f_bavail * found.f_bsize - left)))
+
+    def empty(self) -> None:
+        if not self.mounted:
+            resource.prlimit(self.agent, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+        self._filler.unlink(missing_ok=True)
+
+    def there(self) -> list[str]:
+        """Return the ends of the names of what is there of moments."""
+        return sorted(file.suffix for file in self.folder.iterdir() if file != self._filler)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Disk]:
+    found = Disk(tmp_path / "state" / "moments")
+    yield found
+    if found.mounted:
+        subprocess.run(["umount", "--lazy", str(found.folder)], check=True)
+
+
+@pytest.mark.parametrize("when", ["while the recording is written", "between frame and recording"])
+def test_on_a_full_disk_the_frame_arrives_and_says_why_there_is_no_recording(
+    service: ServiceDouble, tmp_path: Path, disk: Disk, when: str
+) -> None:
+    image = {"type": "std_msgs/String", "value": {"data": token_hex(100_000)}, "rate": 10}  # not compressible
+    scan = {"topic": "/scan", "type": "std_msgs/String", "value": {"data": "s"}, "rate": 10}
+    with any_robot("ros1", tmp_path) as robot:
+        node = robot.node("laser")
+        node.do("publish", topic="/image", **image)
+        node.do("publish", **scan)
+        origin = {"from": robot.origin}
+        sections = {
+            robot.origin: robot.section,
+            "topics": {"scan": {**origin, "first_s": 60, "silence_s": 1}, "image": origin},
+            "moments": {"record": True, "before_s": 3, "after_s": 3, "per_hour": 3600},
+        }
+
+        def turns_bad() -> dict[str, Any]:
+            """Have a topic fall silent; return the moment of it, once all of it has come."""
+            eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+            known = set(service.moments)
+
+            def moment(*, whole: bool) -> dict[str, Any] | None:
+                found = (one for key, one in tuple(service.moments.items()) if key not in known)
+                return next((one for one in found if one["complete"] or not whole), None)
+
+            node.do("hush", topic="/scan")
+            eventually(lambda: moment(whole=False), "the first frame")
+            if when == "between frame and recording" and not complete(service):
+                disk.fill(0)
+            eventually(lambda: moment(whole=True), "all of it")
+            node.do("publish", **scan)
+            eventually(lambda: service.holds().get("ok(scan)"), "observing goes on")
+            eventually(lambda: disk.there() == [], "nothing is left of it")
+            return moment(whole=True) or {}
+
+        with agent(config(tmp_path, service.url, {}, **sections)) as process:
+            disk.agent = process.pid
+            eventually(lambda: len(service.holds()) == 2, "the topics")
+            if when == "while the recording is written":
+                disk.fill(700_000)
+            lost = turns_bad()
+            assert "scan" in [one["topic"].strip("/") for one in lost["frame"]["topics"]]
+            [note] = [one for one in lost["frame"]["notes"] if one.startswith("not recorded: [Errno")]
+            assert ("No space left on device" in note) is disk.mounted
+            assert not service.recordings.get(lost["key"])
+            disk.empty()
+            kept = turns_bad()
+            assert not [one for one in kept["frame"]["notes"] if one.startswith("not recorded")]
+            assert len(service.recordings[kept["key"]]) > 1_000_000
+            assert process.poll() is None
 
 
 def test_a_moment_that_is_too_many_is_counted(service: ServiceDouble, tmp_path: Path) -> None:

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import random
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
+from httpx import ASGITransport, AsyncClient
 from tests.repairs.robot import Robot, running, service
 from tests.waiting import look_s
 
 from robomend.api.runtime import Runtime
 from robomend.errors import StateConflict
+from robomend.planning.configurations import change_plan
+from robomend.planning.plan import in_prose
 from robomend.repairs.repair_json import change_json
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import health_of
 from robomend.robots.reporters import Reporter
 from robomend.store import attempts, audit, events, journal, repairs
-from robomend.store.records import Paging
+from robomend.store.records import ANY, Paging
 from robomend_client.events import Event, Kind
 from robomend_client.literals import Atom
 from robomend_client.readings import Reading
@@ -435,6 +441,114 @@ async def test_what_is_only_observed_is_said_and_not_done(tmp_path: Path) -> Non
 
         await until(said, "why nothing is done")
         assert await changes_of(runtime) == []
+
+
+POLICIES: dict[str, tuple[dict[str, Any], str]] = {
+    "policy": ({"policy": "observe"}, "the robot is only observed"),
+    "of an act": (
+        {"actions": {**ACTIONS, "set_mode": {**ACTIONS["set_mode"], "policy": "observe"}}},
+        "set_mode(spiral, high): the policy for 'set_mode' is 'observe'",
+    ),
+    "allow": (
+        {"allow": ["stop_node"]},
+        "set_mode(spiral, high): 'set_mode' is not on the robot's allow-list (stop_node)",
+    ),
+    "window": (
+        {
+            "windows": [
+                {"weekdays": [(datetime.now(UTC).weekday() + 3) % 7], "start": "00:00", "end": "00:01"}
+            ]
+        },
+        "no maintenance window is open",
+    ),
+    "protected": (
+        {"protected": ["camera_node"]},
+        "stop_node(camera_node): camera_node stays as it is: camera_node is protected",
+    ),
+    "adapt": ({}, "`adapt` of altitude is 'observe'"),
+    "interlock": (
+        {},
+        "act_when of the model, `ok(parked)`, is not what is observed: not ok(parked) is observed",
+    ),
+}
+"""What forbids the way back from medium to high, and the words for it."""
+
+GUARDED = (
+    MODEL.replace("  wheels_node:", "  camera_node: {}\n  wheels_node:")
+    .replace('do: ["set_mode(spiral, high)"]', 'do: ["stop_node(camera_node)", "set_mode(spiral, high)"]')
+    .replace("properties: [visibility]", "properties: [visibility, parked]\nact_when: ok(parked)")
+)
+
+
+@pytest.mark.parametrize("what", POLICIES)
+async def test_a_way_back_that_is_forbidden_is_said_everywhere_and_taken_once_it_may_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    config, why = POLICIES[what]
+    model = GUARDED.replace("adapt: auto", "", 1) if what == "window" else GUARDED
+    planned: list[str] = []
+
+    def counted(*args: Any, **more: Any) -> Any:
+        planned.extend(change.target for change in args[4])
+        return change_plan(*args, **more)
+
+    monkeypatch.setattr("robomend.repairs.changes.change_plan", counted)
+    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
+        http = AsyncClient(transport=ASGITransport(runtime.app), base_url="http://127.0.0.1")
+
+        async def shown(path: str) -> Any:
+            answer = await http.get(path, headers={"accept": "*/*"})
+            assert answer.status_code == 200, answer.text
+            return answer.text if path.startswith("/ui") else answer.json()
+
+        async def permit(yes: bool) -> None:
+            if what == "interlock":
+                await runtime.robots.observe(
+                    "r1", Batch(("ok(parked)" if yes else "not ok(parked)",), source="brake")
+                )
+            elif what == "adapt":
+                text = model if yes else model.replace("adapt: auto", "adapt: observe", 1)
+                await runtime.robots.models.put("rover", text, format=None, expected=ANY, by="test")
+            else:
+                new = {**CONFIG, "policy": "auto", **({} if yes else config)}
+                await runtime.robots.put_robot("r1", new, expected=ANY, by="test")
+
+        await runtime.robots.observe("r1", Batch(("ok(parked)", "running(camera_node)"), source="brake"))
+        await rover.settled()
+        rover.visibility = 2.9
+        await ended(runtime, 1)
+        await permit(False)
+        rover.visibility = 4.0
+
+        said = f"high is admissible again, as visibility rose to 4, at least 3.25; not changed to: {why}"
+
+        async def held() -> bool:
+            found = (await shown("/api/v1/robots/r1/functions"))["functions"]
+            one = next(one for one in found if one["function"] == "altitude")
+            return (one["active"], one["goal"], one["held"]) == ("medium", "high", said)
+
+        await until(held, said)
+        assert planned == ["medium"]
+        rover.visibility = 4.25  # what is measured is no news to the record
+        await rover.settled()
+        (change,) = (await shown("/api/v1/robots/r1/changes"))["items"]
+        said = f"high is admissible again, and not changed to: {why}"
+        assert change["state"] == "changed"
+        assert change["changes"][0]["held"] == said
+        assert change["changes"][0]["text"].endswith(f"at least 3.25; {said}")
+        page = re.sub("<[^>]*>", "", await shown("/ui/robots/r1"))
+        assert in_prose(why) in " ".join(unescape(page).split())
+        told = await runtime.store.read(lambda view: events.after(view, 0, robot="r1", limit=10_000))
+        news = [event.data for event in told if event.kind is Kind.CONFIGURATION]
+        assert [one["state"] for one in news] == ["running", "changed", "changed"]
+        assert news[-1]["held"] == said
+        assert planned == ["medium"]
+        metrics = (await runtime.metrics.text()).decode()
+        assert 'robomend_configuration_changes_total{state="changed"} 1.0' in metrics
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=5)) == []
+        await permit(True)
+        changes = await ended(runtime, 2)
+        assert texts(changes[1:])[0][:2] == ("medium", "high")
 
 
 async def test_nothing_is_changed_by_an_active_variant_that_nobody_reports_or_by_two(tmp_path: Path) -> None:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from pathlib import Path
 from typing import Any
 
-from tests.api.test_process import workers_of
+import httpx
+import pytest
+from tests.api.test_process import served, workers_of
 from tests.clients.running_agent import SLEEPER, pid_file
 from tests.clients.talker import watching
-from tests.freezing import frozen
+from tests.freezing import frozen, starved
 from tests.service.board_robot import robot_with_board
 from tests.waiting import until
+
+from robomend.cli.commands import run
+from robomend_client.rest.sync import Client
 
 MODEL = {
     "robomend": 1,
@@ -61,3 +67,35 @@ def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_
             said = str(client.history("tedusar", limit=1000))
             assert "not running(laser)" in said
             assert not any(wrong in said for wrong in ("not ok", "not on"))
+
+
+def test_a_computer_that_is_starved_is_named_wherever_a_person_looks_and_since_when(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motor = {"motor": {"kind": "property", "source": "motor:temperature", "high": 60}}
+    with served(tmp_path) as (_, url), Client(url) as client:
+        client.put_model("bot", json.dumps(MODEL))
+        client.put_robot("tedusar", {"model": "bot", "observed": ["ok(motor)", "ok(scan)"]})
+
+        def since() -> str:
+            """Return since when it is starved, or nothing."""
+            agents = client.robot("tedusar").value["agents"]
+            return str(agents[0]["starved"] or "") if agents else ""
+
+        with watching(tmp_path, url, observers=motor) as (agent, talker):
+            talker.say("motor", data={"temperature": 40})
+            until(lambda: client.robot("tedusar").value["agents"], "the agent", 60)
+            with starved(agent.pid):
+                until(since, "that it is starved", 60)
+                words = f"the computer of agent onboard is starved since {since()[11:19]}"
+                robot = client.robot("tedusar").value
+                page = httpx.get(f"{url}/ui/robots/tedusar").text
+                assert run(["status", "tedusar", "--url", url]) in (0, 3)
+                status = " ".join(capsys.readouterr().out.split())
+                run(["doctor", "--robot", "tedusar", "--url", url])
+                doctor = " ".join(capsys.readouterr().out.split())
+            assert robot["state"] == "partly-unknown"
+            for text in (robot["headline"], str(robot["findings"]), page, status, doctor):
+                assert f"{words}: what comes late is unknown" in text
+            until(lambda: not since(), "that it is starved no more", 60)
+            assert "starved" not in client.robot("tedusar").value["headline"]

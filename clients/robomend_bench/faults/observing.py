@@ -9,6 +9,7 @@ Replacing the observers means to change this module only.
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -117,6 +118,8 @@ class HostObservers:
     ) -> None:
         """`epoch_s` is what the bench's time 0 is in the time of the literals."""
         self.topics: set[str] = set()
+        self.starved_ns: int | None = None  # its computer never is
+        self.starved_changed = asyncio.Event()
         self._epoch_ns = ns(epoch_s)
         self._faulty: _Faulty | None = None
         observers: list[Observer] = []

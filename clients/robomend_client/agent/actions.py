@@ -69,6 +69,16 @@ class Observing(Protocol):
         """Judge these atoms anew from now on."""
         ...
 
+    @property
+    def starved_ns(self) -> int | None:
+        """Since when this computer is starved; None: it is not."""
+        ...
+
+    @property
+    def starved_changed(self) -> asyncio.Event:
+        """Set when that changes."""
+        ...
+
 
 class Actions:
     """Carries out the actions meant for this agent."""
@@ -105,7 +115,7 @@ class Actions:
             async with self._room:  # with as many as this under way, the rest stays with the service
                 pass
             try:
-                orders = await self._client.send(self._poll(), NEVER)
+                orders = await self._ask()
             except ClientError as error:
                 failures += 1
                 level = logging.WARNING if failures in (1, 10) else logging.DEBUG
@@ -163,6 +173,19 @@ class Actions:
 
     # --- inside ----------------------------------------------------------------------------------------
 
+    async def _ask(self) -> Orders:
+        """Ask what there is to do; of what the poll says of this computer, the service hears at once."""
+        if self._watch is None:
+            return await self._client.send(self._poll(), NEVER)
+        self._watch.starved_changed.clear()
+        asking = asyncio.create_task(self._client.send(self._poll(), NEVER))
+        changed = asyncio.create_task(self._watch.starved_changed.wait())
+        try:
+            await asyncio.wait({asking, changed}, return_when=asyncio.FIRST_COMPLETED)
+            return await asking if asking.done() else Orders()
+        finally:
+            await end([asking, changed])
+
     def _poll(self) -> calls.Call[Orders]:
         observes = []
         for name, atom in self._atoms.items():
@@ -180,6 +203,7 @@ class Actions:
             WAIT_S,
             self._settled,
             self._executors.takes_s,
+            None if self._watch is None else self._watch.starved_ns,
         )
 
     def _settle(self, settle: Settle) -> bool:

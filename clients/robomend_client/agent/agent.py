@@ -107,6 +107,7 @@ class Agent:
                 config.recording,
                 moments.sample if config.moments.keep else None,
                 [usual, moments.ring] if config.moments.keep else [usual],
+                config.starved,
             )
             for feed, sources in config.feeds:
                 if isinstance(feed, Reads):

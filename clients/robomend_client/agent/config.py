@@ -14,6 +14,7 @@
     observers:                         # observers/kinds.py
       odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
     lenient: [ok(scan)]                # atoms of which good news wins where observers disagree
+    starved: 0.2                       # kept from the processor for more of the time, it is; false: never
     recording: {file: run.jsonl, mb: 64}   # what the observers are fed with, to be replayed
     moments: {record: true}            # what was there when something turned bad; and raw messages around it
     actions:                           # executors/kinds.py
@@ -46,6 +47,7 @@ from urllib.parse import urlsplit
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
 from robomend_client.agent.feeds import BUS, SECTIONS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
+from robomend_client.beats import MOST_LATE
 from robomend_client.bus import parse_address
 from robomend_client.docstrings import documented
 from robomend_client.literals import Atom
@@ -67,6 +69,7 @@ TOP = {
     "state_dir": "folder of buffer, first results and table of processes, relative to this file",
     "bus": "where nodes hand their messages in: listen, or join another agent's",
     "report": "how often the agent reports, and how long that counts",
+    "starved": "kept from the processor for more of the time, what comes late is unknown; false: it is late",
     "when_agent_ends": "whether the processes are stopped then, or kept for the next agent to adopt",
     "processes": "the only ones that may be started and stopped, by the model's names of the nodes",
     "actions": "what else the agent can do, by the plan's names",
@@ -179,6 +182,7 @@ class AgentConfig:
     topics: tuple[tuple[str, Rate], ...]
     observers: tuple[ObserverSpec, ...]  # those of topics and processes, too
     lenient: frozenset[Atom]
+    starved: float | None  # part of the time; None: whatever it is
     feeds: tuple[tuple[Feed, frozenset[str]], ...]  # each with the sources that it feeds
     recording: tuple[Path, int] | None
     moments: MomentsConfig
@@ -238,6 +242,8 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     topics = read_topics(top)
     rates = tuple(topic.observer for topic in topics)
     lenient = read_lenient(top)
+    never = "starved" in top and top.text("starved").lower() in ("false", "no")
+    starved = None if never else top.number("starved", MOST_LATE, least=0.01, most=1)
     processes = tuple(_process(name, section, base, keep) for name, section in top.sections("processes"))
     given = read_observers(top, base)
     observers = (
@@ -266,6 +272,7 @@ def read_config(top: Section, base: Path) -> AgentConfig:
         topics=tuple((topic.name, topic.rate) for topic in topics),
         observers=observers,
         lenient=lenient,
+        starved=starved,
         feeds=feeds,
         recording=recording,
         moments=moments,

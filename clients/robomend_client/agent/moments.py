@@ -6,8 +6,8 @@
                                          STATE_DIR/moments ◄──┴──────────────────────────┘ ──► the service
 
 Others that turn bad meanwhile are of the same moment. A moment is on the disk before it is sent, and goes
-from there once the service has all of it; it is sent when no observation waits. What cannot be written, or
-is refused, is logged and lost by itself.
+from there once the service has all of it; it is sent when no observation waits. A frame that the disk does
+not take is sent from memory. What is refused is logged and lost by itself.
 
 docs/agent.md, "Moments", has what is in a frame, and the bounds.
 """
@@ -56,6 +56,9 @@ BURST = 3
 
 MOST_WAITING = 100
 """Moments on the disk."""
+
+MOST_IN_MEMORY = 3
+"""Moments that the disk did not take, until the service has them."""
 
 MOST_LITERALS = 100
 PIECE = 256 * 1024
@@ -142,6 +145,7 @@ class Moments:
         self._nodes: dict[str, bool | None] = {}
         self._bad: set[Atom] = set()
         self._open: _OpenMoment | None = None
+        self._unwritten: dict[str, bytes] = {}  # name -> a frame that is newer than what the disk has of it
         self._ending: str | None = None  # the name of one whose whole frame is being written
         self._opened = asyncio.Event()
         self._waits = asyncio.Event()  # there may be something to be sent
@@ -282,11 +286,21 @@ class Moments:
         try:
             # As it is now: more may turn bad while the thread is at work.
             now = replace(one, literals=[*one.literals], concerned={*one.concerned}, names={*one.names})
-            await asyncio.to_thread(self._write_now, now, self._facts(one), complete, notes)
+            text = await asyncio.to_thread(self._made, now, self._facts(one), complete, notes)
         except Exception as error:  # noqa: BLE001  # what robots say may be anything
             log.error("a moment is lost, %s: %s", one.literals[0]["literal"], error)
             with contextlib.suppress(OSError):
                 (self._folder / f"{_name(one)}.mcap").unlink(missing_ok=True)
+            return
+        try:
+            await asyncio.to_thread(self._put, _name(one), text)
+            self._unwritten.pop(_name(one), None)
+        except OSError as error:
+            log.error("a moment is kept in memory until it is sent, as the disk does not take it: %s", error)
+            self._unwritten[_name(one)] = text
+            while len(self._unwritten) > MOST_IN_MEMORY:
+                log.error("a moment is lost: more wait than are kept in memory")
+                del self._unwritten[min(self._unwritten)]
         self._waits.set()
 
     def _facts(self, one: _OpenMoment) -> _Facts:
@@ -309,8 +323,8 @@ class Moments:
         looks = self.ring.looks(one.at_ns - int(self.config.before_s * SECOND), now_ns)
         return _Facts(now_ns, looks, series, logs, table, topics, *graph)
 
-    def _write_now(self, one: _OpenMoment, facts: _Facts, complete: bool, notes: Sequence[str]) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
+    def _made(self, one: _OpenMoment, facts: _Facts, complete: bool, notes: Sequence[str]) -> bytes:
+        """Return the frame, as it is sent."""
         frame = make_frame(one, facts, notes)
         frame["notes"] += [
             f"nobody looked for {(line['lapse'] - line['at']) / SECOND:.1f} s "
@@ -335,12 +349,16 @@ class Moments:
             "complete": complete,
             "frame": frame,
         }
-        text = json.dumps(moment, separators=(",", ":"), allow_nan=False).encode()
-        _make_room(self._folder, self._most_bytes, len(text), keep=_name(one))
-        new = self._folder / f"{_name(one)}.{time.monotonic_ns()}.new"
+        return json.dumps(moment, separators=(",", ":"), allow_nan=False).encode()
+
+    def _put(self, name: str, text: bytes) -> None:
+        """Write it down. OSError: the disk is full, or may have no more."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        _make_room(self._folder, self._most_bytes, len(text), keep=name)
+        new = self._folder / f"{name}.{time.monotonic_ns()}.new"
         try:
             new.write_bytes(text)
-            new.replace(self._folder / f"{_name(one)}.json")
+            new.replace(self._folder / f"{name}.json")
         except OSError:
             with contextlib.suppress(OSError):
                 new.unlink(missing_ok=True)
@@ -378,7 +396,8 @@ class Moments:
 
     async def _send_all(self, client: AsyncClient, quiet: Callable[[], bool], sent: set[str]) -> bool:
         """Return whether nothing is left that could be sent."""
-        for file in sorted(self._folder.glob("*.json")):
+        names = {file.stem for file in self._folder.glob("*.json")}
+        for file in (self._folder / f"{name}.json" for name in sorted(names.union(self._unwritten))):
             is_open = file.stem == self._ending or (self._open is not None and file.stem == _name(self._open))
             if is_open and file.stem in sent:
                 continue
@@ -397,6 +416,7 @@ class Moments:
                 sent.add(file.stem)
             else:
                 sent.discard(file.stem)
+                self._unwritten.pop(file.stem, None)
                 file.unlink(missing_ok=True)
                 file.with_suffix(".mcap").unlink(missing_ok=True)
         return True
@@ -405,7 +425,8 @@ class Moments:
         self, client: AsyncClient, file: Path, quiet: Callable[[], bool], *, is_open: bool
     ) -> bool:
         """Send a moment; return False where observations have come in between: they go first."""
-        moment = json.loads(await asyncio.to_thread(file.read_bytes))
+        text = self._unwritten.get(file.stem)
+        moment = json.loads(await asyncio.to_thread(file.read_bytes) if text is None else text)
         if not is_open:
             moment["complete"] = True  # also of an agent that was killed before it was
         kept = await client.keep_moment(self._robot, moment)

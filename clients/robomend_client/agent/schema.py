@@ -62,6 +62,8 @@ def agent_schema() -> Schema:
     service["url"] |= {"type": "string", "pattern": r"^https?://[^\s?#]+$"}
     for way in bus.values():
         way["pattern"] = "^(unix|tcp):"
+    described = properties["starved"].pop("description")
+    properties["starved"] = {"description": described, "anyOf": [properties["starved"], {"const": False}]}
     _forget_this_computer(properties)
     schema["$defs"] = {
         "observer": observer_schema(),

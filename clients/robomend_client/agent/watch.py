@@ -20,7 +20,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from robomend_client.agent.feeds import Reads
-from robomend_client.beats import BEAT_NS, Lateness
+from robomend_client.beats import BEAT_NS, MOST_LATE, Lateness
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Contact, Driver, Observer, Verdict, ns
@@ -54,9 +54,11 @@ class Watch:
         recording: tuple[Path, int] | None = None,
         seen: Callable[[str, int, object], None] | None = None,
         listeners: Collection[Listener] = (),
+        starved: float | None = MOST_LATE,
     ) -> None:
         """
         Args:
+            starved: the part of the time, see beats.py; None: this computer never counts as starved.
             seen: told of each sample: source, time, value.
             listeners: of the driver.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
@@ -69,7 +71,9 @@ class Watch:
         self._readers: dict[Reads, frozenset[str]] = {}
         self._seen = seen
         self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
-        self._lateness, self._starved = Lateness(), False
+        self._lateness = None if starved is None else Lateness(starved)
+        self.starved_ns: int | None = None  # since when it is
+        self.starved_changed = asyncio.Event()
         began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
         if self._recording is not None:
@@ -154,12 +158,16 @@ class Watch:
 
     def _was_late(self, late_s: float) -> None:
         """Tell the driver whether this computer is starved: then what others do is late as well."""
+        if self._lateness is None:
+            return
         starved = self._lateness.look(max(0.0, late_s))
-        if starved is not self._starved:
-            self._starved = starved
+        if starved is (self.starved_ns is None):
             log.info("%s", STARVED if starved else "this computer is starved no more")
             self._read()
-            self._tell(self.driver.starved(starved, self._look()))
+            now_ns = self._look()
+            self.starved_ns = now_ns if starved else None
+            self.starved_changed.set()
+            self._tell(self.driver.starved(starved, now_ns))
 
     def _look(self) -> int:
         """Return the time; tell the driver of time in which nobody looked."""

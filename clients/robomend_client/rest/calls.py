@@ -217,10 +217,12 @@ def poll(
     wait_s: float,
     settled: int | None = None,
     takes_s: Mapping[str, float] | None = None,
+    starved_ns: int | None = None,
 ) -> Call[Orders]:
     """Ask what there is to do. The body says what the agent can do, and how long that may take, and what it
-    observes how fast.
+    observes how fast; the query since when its computer is starved: older services read over that.
     """
+    params = {} if starved_ns is None else {"starved_ns": starved_ns}
     value = {
         "agent": agent,
         "host": host,
@@ -230,7 +232,8 @@ def poll(
         "wait_s": wait_s,
         **({"takes_s": dict(takes_s)} if takes_s else {}),
     }
-    return Call("POST", path("robots", robot, "actions", "next"), read_orders, json=value, wait_s=wait_s)
+    place = path("robots", robot, "actions", "next")
+    return Call("POST", place, read_orders, params=params, json=value, wait_s=wait_s)
 
 
 def read_orders(response: httpx.Response) -> Orders:

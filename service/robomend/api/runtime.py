@@ -149,7 +149,7 @@ class Runtime:
         for event in events:
             if event.kind is Kind.REPAIR and event.data.get("drill") is None:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
-            elif event.kind is Kind.CONFIGURATION and "asked" not in event.data:
+            elif event.kind is Kind.CONFIGURATION and not {"asked", "held"} & event.data.keys():
                 self.metrics.changes.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()

@@ -171,6 +171,7 @@ def robot_out(
                 host=said.host,
                 can=None if said.can is None else sorted(said.can),
                 observes=list(map(str, sorted(said.observes))),
+                starved_ns=said.starved_ns,
             )
             for said in state.sight.declared.agents()
         ],

@@ -72,7 +72,7 @@ class Standing(NamedTuple):
 
     admissible: bool | None  # None: unknown
     suspected: bool = False  # some diagnosis blames what it needs
-    aside: bool = False  # its acts failed, and it is not tried again yet
+    aside: bool = False  # its acts failed and are not tried again yet, or may not be done now
     why: str = ""  # why it is not admissible, not known to be, or not changed to
 
     @property
@@ -96,6 +96,7 @@ class FunctionState:
     goal: str | None  # the variant that it is to work by; None: none is left
     target: str | None  # what it works by once what is to be changed now is; None: not known
     held: str = ""  # why a better variant is not changed to now
+    waits: tuple[str, str] | None = None  # a better variant that is admissible and not changed to, and why
 
     @property
     def active(self) -> str | None:
@@ -263,6 +264,10 @@ class Keeper:
         wait_ns = min(least_ns * 2**times, MOST_RETRY_NS)
         self._failed[function, variant] = (now_ns + wait_ns, times + 1, why)
 
+    def failed_by(self, function: str, variant: str) -> str:
+        """Return why a variant was not reached the last time that it was tried, or nothing."""
+        return self._failed.get((function, variant), (0, 0, ""))[2]
+
     def changed(self, made: Made) -> None:
         """Note a change that was made."""
         self.made = [one for one in self.made if made.time_ns - one.time_ns < HOUR_NS]
@@ -279,8 +284,13 @@ class Keeper:
         conditions: Mapping[tuple[str, str], Formula],
         known: KnownState,
         now_ns: int,
+        barred: Callable[[Function, str], str] = lambda function, variant: "",
     ) -> Decision:
-        """Return how each function stands, and what is to be changed now."""
+        """Return how each function stands, and what is to be changed now.
+
+        Args:
+            barred: why a variant's acts may not be done now, or nothing: another one is taken meanwhile.
+        """
         states: dict[str, FunctionState] = {}
         changes: list[VariantChange] = []
         again: list[int] = []
@@ -298,62 +308,82 @@ class Keeper:
                 # What is active is kept a bit longer; for what is better a bit more is asked.
                 shift = -1 if variant.name == active else 1 if before_active else 0
                 until_ns, _, why = self._failed.get((name, variant.name), (0, 0, ""))
-                aside = why if now_ns < until_ns and variant.name != active else ""
-                if aside:
-                    again.append(until_ns)
+                aside = ""
+                if variant.name != active and not (aside := barred(function, variant.name)):
+                    aside = why if now_ns < until_ns else ""
+                    again += [until_ns] if aside else []
                 standings[variant.name] = _standing(
                     variant, conditions.get((name, variant.name)), shift, known, states, model, aside
                 )
             state = FunctionState(function, reported, standings, _goal(standings, active), active)
             for variant_name, standing in standings.items():
-                if standing.fine:
+                if standing.fine or (standing.aside and not standing.suspected):
                     self._since.setdefault((name, variant_name), now_ns)
                 else:
                     self._since.pop((name, variant_name), None)
-            target, held, wake_ns = self._target(state, now_ns)
+            state, wake_ns = self._target(state, now_ns, conditions, known)
+            target = state.target
             if wake_ns is not None:
                 again.append(wake_ns)
             if active is not None and target is not None and target != active:
                 order = list(function.variants)
                 better = order.index(target) < order.index(active)
-                formula = conditions.get((name, target))
-                reason = met(formula, known) if better else standings[active].why
-                if better and not reason:
-                    reason = f"{target} is admissible again"
+                reason = standings[active].why
+                if better:
+                    reason = met(conditions.get((name, target)), known) or f"{target} is admissible again"
                 changes.append(VariantChange(name, active, target, reason, better, standings[active].broken))
-            states[name] = replace(state, target=target, held=held)
+            states[name] = state
         return Decision(states, tuple(changes), min(again, default=None))
 
-    def _target(self, state: FunctionState, now_ns: int) -> tuple[str | None, str, int | None]:
-        """Return the variant to work by now, why a better one is not, and when to look again."""
+    def _target(
+        self,
+        state: FunctionState,
+        now_ns: int,
+        conditions: Mapping[tuple[str, str], Formula],
+        known: KnownState,
+    ) -> tuple[FunctionState, int | None]:
+        """Return the state with the variant to work by now and why a better one is not, and when to look
+        again.
+        """
         active, function = state.active, state.function
         if active is None:
-            return None, state.unknown, None
+            return replace(state, target=None, held=state.unknown), None
         order = list(function.variants)
         above, below = order[: order.index(active)], order[order.index(active) + 1 :]
         standings = state.standings
         leaves_it = standings[active].admissible is False
-        held, wake_ns = "", None
+        wake_ns = None
         dwell_ns = round(function.dwell_s * 1e9)
         for better in above:
-            if not standings[better].fine:
+            if (function.name, better) not in self._since:
                 continue
             ready_ns = self._since[function.name, better] + dwell_ns
             if now_ns < ready_ns:
                 wake_ns = ready_ns if wake_ns is None else min(wake_ns, ready_ns)
                 continue
-            why, until_ns = self._bounded(function, now_ns)
-            if not why or (leaves_it and not any(standings[one].fine for one in below)):
-                return better, "", wake_ns
-            held = held or f"holds {active}: {why}"
-            wake_ns = until_ns if wake_ns is None else min(wake_ns, until_ns)
+            why, until_ns = standings[better].why, None
+            measured = met(conditions.get((function.name, better)), known)
+            held = f"{better} is admissible again{measured and f', as {measured}'}; not changed to: {why}"
+            if not standings[better].aside:
+                why, until_ns = self._bounded(function, now_ns)
+                held = f"holds {active}: {why}"
+                if not why or (leaves_it and not any(standings[one].fine for one in below)):
+                    return replace(state, target=better), wake_ns
+            if not state.waits:
+                state = replace(state, held=held, waits=(better, why))
+            if until_ns is not None:
+                wake_ns = until_ns if wake_ns is None else min(wake_ns, until_ns)
         if not leaves_it:
-            return active, held, wake_ns
+            return replace(state, target=active), wake_ns
         fine = [one for one in (*below, *above) if standings[one].fine]
         doubtful = [one for one in order if standings[one].admissible and not standings[one].aside]
         for target in (*fine, *doubtful):
-            return target, held, wake_ns
-        return active, f"no variant of {function.name} is admissible", wake_ns
+            return replace(state, target=target), wake_ns
+        due = next((one for one in (*below, *above) if standings[one].aside), None)
+        held = f"no variant of {function.name} is admissible"
+        if due is not None:
+            held = f"{due} is due, as {standings[active].why}; {standings[due].why}"
+        return replace(state, target=active, held=held), wake_ns
 
     def _bounded(self, function: Function, now_ns: int) -> tuple[str, int]:
         """Return why no change for the better is made now, and until when; or nothing."""

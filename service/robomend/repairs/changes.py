@@ -17,14 +17,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import structlog
 
 from robomend.errors import NotFound, RobomendError, StoreError
+from robomend.model.components import Function
 from robomend.planning.configurations import (
     Decision,
     FunctionState,
@@ -61,6 +62,9 @@ from robomend_client.literals import Atom
 log = structlog.get_logger("robomend.repairs.changes")
 
 IDLE_S = 3600.0
+MINUTE_S = 60.0
+"""Maintenance windows begin with one."""
+
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
 
@@ -178,6 +182,8 @@ class Changes:
     _deferred: Deferred = field(default_factory=Deferred)
     _worse: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     """Function -> its changes for the worse that are not undone, and what they changed from."""
+    _held: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """Function -> with which of them it was noted why it is not undone, and what."""
 
     def __post_init__(self) -> None:
         self._requests = Requests(self.needs.store, self.fence)
@@ -262,14 +268,17 @@ class Changes:
             self._recalled = True
         now_ns = CLOCK.now_ns()
         known = state.known(self.left_off())
-        decision = self._keeper.decide(parts, state.system.conditions, known, now_ns)
+        decision = self._keeper.decide(parts, state.system.conditions, known, now_ns, self._barred(state))
         if state.current is None:  # nobody knows yet what is good
             decision = decision._replace(changes=())
         if not any(change.fault for change in decision.changes):
             self._deferred = Deferred()
-        due, decision = self._permitted(state, decision)
+        due = decision.changes
         state.decided(decision)
+        await self._note_held(decision.states)
         wait_s = IDLE_S if decision.again_ns is None else max(0.01, (decision.again_ns - now_ns) / 1e9)
+        if not self.needs.chooser.policy(state).may_begin(now_ns):
+            wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
         if self._waiting is not None:
             due = await self._answered(state, due)
         if due and self.repair_acts():
@@ -280,30 +289,27 @@ class Changes:
         self._looked = seen
         return wait_s
 
-    def _permitted(self, state: Robot, decision: Decision) -> tuple[tuple[VariantChange, ...], Decision]:
-        """Return the changes that may be made, by the policy and the function's own word; what may not is
-        said with the function's state.
+    def _barred(self, state: Robot) -> Callable[[Function, str], str]:
+        """Return what says why the acts of a variant may not be done now, or nothing; of those that may not
+        no plan is made.
         """
-        policy = self.needs.chooser.policy(state)
-        stop = self.needs.switch.stop
-        due: list[VariantChange] = []
-        states = dict(decision.states)
-        for change in decision.changes:
-            function = states[change.function].function
-            mode = self._mode(policy, change, states[change.function], ())
-            why = ""
+        policy, stop = self.needs.chooser.policy(state), self.needs.switch.stop
+        interlocked = state.interlocked()
+        shut = not policy.may_begin(time.time_ns())
+
+        def barred(function: Function, variant: str) -> str:
             if stop.active:
-                why = "the global stop is active"
-            elif mode is Mode.OBSERVE:
-                why = "the robot is only observed" if policy.mode is Mode.OBSERVE else "it is only observed"
-            elif function.adapt is None and not policy.may_begin(time.time_ns()):
-                why = "no maintenance window is open"
-            if why:
-                held = f"{change.target} is due, as {change.reason}; {why}"
-                states[change.function] = replace(states[change.function], held=held)
-            else:
-                due.append(change)
-        return tuple(due), decision._replace(states=states)
+                return "the global stop is active"
+            if policy.mode is Mode.OBSERVE:
+                return "the robot is only observed"
+            if function.adapt == Mode.OBSERVE:
+                return f"`adapt` of {function.name} is 'observe'"
+            if function.adapt is None and shut:
+                return "no maintenance window is open"
+            acts = (Step(0, name, args, 0.0, (), (), ()) for name, args in function.variants[variant].do)
+            return policy.plan_refusal(acts, {}, ()) or interlocked or ""
+
+        return barred
 
     @staticmethod
     def _mode(policy: Policy, change: VariantChange, state: FunctionState, steps: Sequence[Step]) -> Mode:
@@ -349,6 +355,31 @@ class Changes:
             await _end(waiting.listener)
             return ()
         return rest
+
+    async def _note_held(self, states: Mapping[str, FunctionState]) -> None:
+        """Note with a change for the worse why it is not undone although that would do: once, as what is
+        measured meanwhile changes with each reading.
+        """
+        for name, state in states.items():
+            before = self._worse.get(name)
+            if not before or state.waits is None:
+                continue
+            (variant, why), (id_, source) = state.waits, before[-1]
+            order, told = list(state.standings), f"{variant} is admissible again, and not changed to: {why}"
+            if order.index(variant) > order.index(source) or self._held.get(name) == (id_, told):
+                continue
+            await self.needs.store.write(partial(self._write_held, id_, name, told), robots=(self.robot,))
+            self._held[name] = id_, told
+
+    def _write_held(self, id_: str, function: str, told: str, tx: Transaction) -> None:
+        with contextlib.suppress(NotFound):  # too old to be kept
+            stored = repairs.get(tx, id_)
+            was = stored.data["changes"]
+            changes = [{**one, "held": told} if one["function"] == function else one for one in was]
+            if changes != was:
+                new = {**stored.data, "changes": changes}
+                updated = repairs.update(tx, id_, state=stored.state, data=new, open=False, fence=self.fence)
+                tx.emit(Kind.CONFIGURATION, self.robot, {**change_json(updated), "held": told})
 
     async def _withdraw(self, why: str, *, by: str = LOOP) -> None:
         waiting, self._waiting = self._waiting, None
@@ -438,10 +469,13 @@ class Changes:
         return None, due
 
     async def _not_done(self, due: Sequence[VariantChange], reason: str) -> None:
-        """Note what cannot be done: the next variant is taken, and this one is tried again later."""
+        """Note what cannot be done: the next variant is taken, and this one is tried again later. Nothing was
+        sent, so that there is one record of it for as long as the reason stays the same.
+        """
+        news = any(self._keeper.failed_by(one.function, one.target) != reason for one in due)
         for change in due:
             self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
-        record = await self._create(tuple(due), None, asks=False)
+        record = await self._create(tuple(due), None, asks=False) if news else None
         if record is not None:
             await record.note(ChangeTrigger.WENT_WRONG, reason)
 
@@ -481,6 +515,7 @@ class Changes:
                     "reason": one.reason,
                     "better": one.better,
                     "back_ns": None,
+                    "held": None,
                 }
                 for one in due
             ],
@@ -593,9 +628,12 @@ class Changes:
 
         def came_back(tx: Transaction) -> None:
             for id_ in dict.fromkeys(back):
-                stored = repairs.get(tx, id_)
+                try:
+                    stored = repairs.get(tx, id_)
+                except NotFound:  # too old to be kept
+                    continue
                 told = [
-                    {**one, "back_ns": known}
+                    {**one, "back_ns": known, "held": None}
                     if one["back_ns"] is None and one["function"] in {c.function for c in changes}
                     else one
                     for one in stored.data["changes"]

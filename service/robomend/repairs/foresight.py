@@ -21,6 +21,7 @@ from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.problem import Offers
 from robomend.repairs.execution_values import Timing, timings
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
+from robomend.repairs.headline import starved, starving, told
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
@@ -60,7 +61,9 @@ def findings(
         around: with the robot's board, if one is configured.
         asked: None where nobody can know, as the service is not asked.
     """
-    found = [*faults, *contradicted(state), *_unheard(state), *_of_one_name(state)]
+    now_ns = CLOCK.now_ns()
+    found = [*faults, *(told(starving(*one), now_ns) for one in starved(state))]
+    found += [*contradicted(state), *_unheard(state), *_of_one_name(state)]
     if state.config.policy != "observe" and state.system.parts is not None:
         found += _carried_out(state, actions, around, asked)
         found += _slow(state)

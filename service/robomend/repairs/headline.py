@@ -91,6 +91,7 @@ class Facts:
     policy: str = "approve"
     repair: Json | None = None  # the newest, as HTTP shows it
     functions: Sequence[Fallback] = ()  # those that do not work by their best variant
+    starved: Sequence[tuple[str, int]] = ()  # agents whose computer is starved, and since when
 
 
 def told(words: Told, now_ns: int) -> str:
@@ -165,8 +166,20 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
             policy=robot.config.policy,
             repair=repair,
             functions=list(_fallbacks(robot)),
+            starved=starved(robot),
         )
     )
+
+
+def starved(robot: Robot) -> list[tuple[str, int]]:
+    """Return the robot's agents whose computers are starved, and since when."""
+    agents = robot.sight.declared.agents()
+    return [(one.agent, one.starved_ns) for one in agents if one.starved_ns is not None]
+
+
+def starving(agent: str, since_ns: int) -> Told:
+    """Return what people are told of an agent whose computer is starved."""
+    return f"the computer of agent {agent} is starved since ", since_ns, ": what comes late is unknown"
 
 
 def _fallbacks(robot: Robot) -> Iterator[Fallback]:
@@ -224,6 +237,9 @@ def of_repair(repair: Json) -> Headline:
 def headline(of: Facts) -> Headline:
     """Return what people are told of a situation."""
     what, since_ns = _what(of)
+    if of.health is not HealthState.HEALTHY:
+        for one in of.starved[:MANY]:
+            what = (*what, "; ", *starving(*one))
     then, person, approve = _then(of)
     return Headline((*what, "."), then, person, approve, since_ns)
 

@@ -79,6 +79,7 @@ def change_json(change: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "changes": [
             {
                 **one,
+                "held": one.get("held"),
                 "back": None if one["back_ns"] is None else rfc3339(one["back_ns"]),
                 "text": _in_words(one, changed_ns),
             }
@@ -105,7 +106,9 @@ def _in_words(change: dict[str, Any], changed_ns: int | None) -> str:
     if changed_ns is not None:
         said += f" at {rfc3339(changed_ns)[11:19]}"
     said += f", as {change['reason']}" if change["reason"] else ""
-    return said if change["back_ns"] is None else f"{said}; back at {rfc3339(change['back_ns'])[11:19]}"
+    if change["back_ns"] is not None:
+        return f"{said}; back at {rfc3339(change['back_ns'])[11:19]}"
+    return f"{said}; {change['held']}" if change.get("held") else said
 
 
 def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:

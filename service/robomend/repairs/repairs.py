@@ -256,6 +256,7 @@ class Repairs:
         observes: Mapping[str, tuple[float, float]] | None = None,
         settled: int | None = None,
         takes_s: Mapping[str, float] | None = None,
+        starved_ns: int | None = None,
     ) -> Json | None:
         """Hand an agent its next action, waiting up to `wait_s`, and what it is to judge anew.
 
@@ -270,12 +271,14 @@ class Repairs:
             observes: atom -> seconds of detection and of settling.
             takes_s: action, as in `can` -> within how many seconds it answers.
             settled: the latest settle number that it acted on.
+            starved_ns: since when its computer is starved.
         """
         state = await self._needs.robots.memory.robot(robot)
         atoms = observes or {}
         who = agent or host or "agent"
         before = state.sight.declared.changes
-        state.sight.declared.hear(declaration(who, host, can, atoms, state.system.vocabulary, takes_s))
+        said = declaration(who, host, can, atoms, state.system.vocabulary, takes_s, starved_ns)
+        state.sight.declared.hear(said)
         if state.sight.declared.changes != before:
             self._loops.wake(robot)
         agents = self._needs.agents

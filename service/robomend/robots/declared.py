@@ -45,6 +45,7 @@ class Declaration:
     can: frozenset[str] | None = None  # None: it does not say
     observes: Mapping[Atom, Delays] = field(default_factory=dict)
     takes_s: Mapping[str, float] = field(default_factory=dict)  # action, as in `can` -> until its answer
+    starved_ns: int | None = None  # since when its computer is starved
 
 
 class DeclaredAgents:
@@ -119,6 +120,7 @@ def declaration(
     observes: Mapping[str, tuple[float, float]],
     vocabulary: Vocabulary,
     takes_s: Mapping[str, float] | None = None,
+    starved_ns: int | None = None,
 ) -> Declaration:
     """Return what an agent says, in the words of the robot's model, as far as that has them."""
     delays: dict[Atom, Delays] = {}
@@ -126,7 +128,8 @@ def declaration(
         with contextlib.suppress(ObservationError):
             for literal in parse(sentence, vocabulary):
                 delays[literal.atom] = Delays(round(detection_s * 1e9), round(settling_s * 1e9))
-    return Declaration(agent, host, None if can is None else frozenset(can), delays, dict(takes_s or {}))
+    offered_acts = None if can is None else frozenset(can)
+    return Declaration(agent, host, offered_acts, delays, dict(takes_s or {}), starved_ns)
 
 
 # --- what a robot's observers report: the observables that isolability is asked with.

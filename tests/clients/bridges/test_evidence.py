@@ -159,6 +159,39 @@ def test_usual_traffic_raises_no_alarm_and_each_kind_of_evidence_is_reported_wit
         seen.is_said("ok(publishers,odom)", False, "nobody publishes it", "silent")
 
 
+@pytest.mark.parametrize("robot", ["ros1", "ros2"], indirect=True)
+def test_of_ten_thousand_goals_the_one_that_was_aborted_is_reported_and_nothing_else(
+    robot: AnyRobot, tmp_path: Path
+) -> None:
+    node, old, now_s = robot.node("navigator"), robot.origin == "ros1", int(time.time())
+    topic = "/dock/status" if old else "/dock/_action/status"
+    kind = "actionlib_msgs/GoalStatusArray" if old else "action_msgs/GoalStatusArray"
+
+    def goal(number: int, status: int) -> dict[str, Any]:
+        if old:
+            return {"goal_id": {"id": f"goal {number}", "stamp": now_s}, "status": status}
+        uuid = list(number.to_bytes(16, "big"))
+        return {"goal_info": {"goal_id": {"uuid": uuid}, "stamp": {"sec": now_s}}, "status": status}
+
+    succeeded, aborted = (3, 4) if old else (4, 6)
+    goals_of = [goal(number, succeeded) for number in range(10_000)]
+    observers = {
+        "ok(goals,dock)": goals(robot),
+        "ok(publishers,odom)": {"kind": "publishers", "first_s": 600},
+    }
+    with watched(robot, tmp_path, observers) as seen:
+        eventually(lambda: seen.service.polls, "the agent", WAIT_S)
+        node.do("publish", topic="/odom", type="std_msgs/Float64", rate=10)
+        node.do("publish", topic=topic, type=kind, rate=2, value={"status_list": goals_of})
+        for atom in observers:
+            seen.is_said(atom, True)
+        node.do("unpublish", topic=topic)
+        goals_of.append(goal(10_001, aborted))  # servers list them in the order in which they took them
+        node.do("publish", topic=topic, type=kind, rate=2, value={"status_list": goals_of})
+        seen.is_said("ok(goals,dock)", False, "goal aborted")
+        assert seen.ever_bad == {"not ok(goals,dock)"}
+
+
 def test_a_node_of_ros_2_that_leaves_its_state_and_qualities_that_do_not_fit_are_reported(
     tmp_path: Path,
 ) -> None:

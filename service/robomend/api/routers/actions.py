@@ -10,6 +10,7 @@ from robomend.api.body import while_admitted
 from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
 from robomend.api.gate import GuardedRoute, reporter_of
 from robomend.api.problems import Problem, problems
+from robomend.api.schemas.base import MAX_INT
 from robomend.api.schemas.repair import (
     ActionOut,
     ActionResultBody,
@@ -69,7 +70,14 @@ async def next_action(
     responses={**problems(404, 422, body=True), 204: {"description": "Nothing to do"}},
 )
 async def poll(
-    request: Request, robot: RobotPath, body: PollBody, parts: PartsDep, principal: PrincipalDep
+    request: Request,
+    robot: RobotPath,
+    body: PollBody,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    starved_ns: Annotated[
+        int | None, Query(ge=0, le=MAX_INT, description="since when the agent's computer is starved")
+    ] = None,
 ) -> Any:
     """Return the agent's next action, the same again until its first feedback or result came in, and what its
     observers are to judge anew, since an action may have changed it.
@@ -85,6 +93,7 @@ async def poll(
             observes={one.atom: (one.detection_s, one.settling_s) for one in body.observes},
             takes_s=body.takes_s,
             settled=body.settled,
+            starved_ns=starved_ns,
             by=reporter_of(principal),
         )
     return OrdersOut.model_validate(orders) if orders else Response(status_code=204)

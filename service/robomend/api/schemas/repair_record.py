@@ -233,6 +233,10 @@ class FunctionChange(Out):
     better: bool = Field(description="whether the new variant is preferred to the old one")
     back_ns: Nanoseconds | None = Field(description="when a change back was made")
     back: Moment | None
+    held: str | None = Field(
+        description="why it is not changed back, although that would do",
+        examples=["high is admissible again, and not changed to: the policy for 'set_mode' is 'observe'"],
+    )
     text: str
 
 

@@ -242,6 +242,10 @@ class AgentOut(Out):
         description="actions that it does, `name` or `name:parameter,parameter`; null: it does not say"
     )
     observes: list[str] = Field(description="what of the model its observers report")
+    starved_ns: int | None = Field(
+        default=None, description="since when its computer is starved: what comes late there is unknown"
+    )
+    starved: Moment | None = moment_of("starved_ns")
 
 
 class RobotOut(Out):
