@@ -247,8 +247,9 @@ def _weigh(
             reason += f"; not all of it: {'; '.join(plan.unreachable)}"
     vain = [attempt for attempt in failures if attempt.lasted]
     if vain:
-        seen, of = sum(attempt.effect_seen for attempt in vain), counted(len(vain), "time")
-        reason += f"; repaired {_times(vain)} before without help; its acts worked {seen} of {of}"
+        seen = sum(attempt.effect_seen for attempt in vain)
+        worked = {0: "took no effect", len(vain): "took effect"}.get(seen, f"took effect {seen} times")
+        reason += f"; repaired {_times(vain)} before without help: its actions {worked}"
     if len(vain) < len(failures):
         short = [attempt for attempt in failures if not attempt.lasted]
         reason += f"; repaired {_times(short)} before, and soon it was broken again"

@@ -41,7 +41,7 @@ def without(reason: str, bad: Sequence[str]) -> str:
     return LONE_COST.sub("", reason)
 
 
-LONE_COST = re.compile(r"(?:; to be repaired)? at cost [\d.]+$")
+LONE_COST = re.compile(r"; to be repaired at cost [\d.]+| at cost [\d.]+$")
 
 
 def repair_state(state: str) -> str:
@@ -132,7 +132,7 @@ def waits_for(repair: Json | None, *, healthy: bool | None, policy: str) -> tupl
     if healthy is not False:
         return "", False
     if policy == "observe":
-        return "a person: its policy is to observe only", True
+        return "a person: robomend only observes it (policy observe)", True
     if repair is not None and repair["state"] in {RepairState.ESCALATED, RepairState.UNCONFIRMED}:
         return f"a person: {repair['reason'] or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:
