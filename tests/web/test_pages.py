@@ -190,8 +190,6 @@ def test_numbers_have_units_and_claim_no_more_than_is_known() -> None:
 
 
 def test_a_reason_does_not_name_again_what_was_named_right_before() -> None:
-    lone = "a: the only cause that the model knows for this; to be repaired at cost 4; repaired once before"
-    assert without(lone, ["a"]) == "the only cause that the model knows for this; repaired once before"
     assert without("a, b: helps with probability 1 at cost 4", ["a", "b"]) == "helps with probability 1"
     assert without("every leading diagnosis blames a", ["a"]) == "every leading diagnosis blames a"
     assert without("nothing is bad", []) == "nothing is bad"

@@ -41,7 +41,7 @@ def without(reason: str, bad: Sequence[str]) -> str:
     return LONE_COST.sub("", reason)
 
 
-LONE_COST = re.compile(r"; to be repaired at cost [\d.]+| at cost [\d.]+$")
+LONE_COST = re.compile(r" at cost [\d.]+$")
 
 
 def repair_state(state: str) -> str:
@@ -103,6 +103,19 @@ def folded(entries: Sequence[AuditEntry], machine: str) -> list[FoldedEntry]:
                 open_[entry.subject] = rest
             lines.append(FoldedEntry(entry, rest))
     return lines
+
+
+def did(action: str) -> str:
+    """Return an entry's action without its subject: `repair.approve` is "approve"."""
+    return action.partition(".")[2].replace("-", " ") or action
+
+
+def size(count: int) -> str:
+    """Return a number of bytes with its unit."""
+    for unit, of in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= of:
+            return f"{count / of:.1f} {unit}"
+    return f"{count} bytes"
 
 
 def duration(seconds: float) -> str:
