@@ -80,27 +80,31 @@ class FoldedEntry:
 
     @property
     def reasons(self) -> list[str]:
-        """Return what was said of why, each once, in the order of the time."""
-        said = (LONE_COST.sub("", one.reason) for one in (*reversed(self.before), self.entry) if one.reason)
-        return list(dict.fromkeys(said))
+        """Return what was said of why, each once, the newest last."""
+        said = (LONE_COST.sub("", one.reason) for one in (self.entry, *self.before) if one.reason)
+        return list(dict.fromkeys(said))[::-1]
 
 
 def folded(entries: Sequence[AuditEntry], machine: str) -> list[FoldedEntry]:
-    """Return a page of the audit log, newest first: what the machine did to one thing, between two things
-    that people did to it, is one line, at its newest.
+    """Return a page of the audit log, newest first: what the machine did to one repair, its actions included,
+    between two things that people did to it, is one line, at its newest.
     """
     lines: list[FoldedEntry] = []
     open_: dict[str, list[AuditEntry]] = {}
+    of_robot: dict[str | None, list[AuditEntry]] = {}  # the line of its repair: no two run at once
     for entry in entries:
         if entry.actor != machine:
-            open_.pop(entry.subject, None)
+            if open_.pop(entry.subject, None) is not None:
+                of_robot.pop(entry.robot, None)
             lines.append(FoldedEntry(entry, ()))
+        elif entry.action.startswith("action.") and entry.robot in of_robot:
+            of_robot[entry.robot].append(entry)
         elif entry.subject in open_ and entry.action.startswith("repair."):
             open_[entry.subject].append(entry)
         else:
             rest: list[AuditEntry] = []
             if entry.action.startswith("repair."):
-                open_[entry.subject] = rest
+                open_[entry.subject] = of_robot[entry.robot] = rest
             lines.append(FoldedEntry(entry, rest))
     return lines
 
