@@ -72,7 +72,7 @@ SITUATIONS = {
     "doubtful": Case(
         rf"map is silent since {AT} \(0 of 1 Hz\), because of one of three: "
         r"(?:hokuyo|hokuyo_node|hector_mapping)(?:, \w+)? or \w+\.",
-        r"A person is needed: robomend only observes this robot \(policy observe\)\.",
+        r"A person is needed: robomend only observes it\.",
         ("Plan without acting",),
         {"policy": "observe"},
         why="because of one of three",
@@ -101,7 +101,7 @@ SITUATIONS = {
         rf"it; search works by fd_spiral_medium since {AT}, as sees_high is not as it should be "
         rf"\(2\.9, at least 3\.25\); motion works by fd_recover_thrusters since {AT}, as c_thruster_2 is "
         r"blamed\.",
-        r"A person is needed: robomend only observes this robot \(policy observe\)\.",
+        r"A person is needed: robomend only observes it\.",
         ("Plan without acting",),
         why="because of c_thruster_2",
     ),

@@ -428,7 +428,7 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
                 )
             return ("It is judged as soon as it is reported.",), False, None
     if of.policy == "observe":
-        return ("A person is needed: robomend only observes this robot (policy observe).",), True, None
+        return ("A person is needed: robomend only observes it.",), True, None
     if repair is not None and repair["state"] != RepairState.REPAIRED:
         return _given_up(repair), True, None
     return ("No repair is under way yet.",), False, None

@@ -149,7 +149,7 @@ def waits_for(repair: Json | None, *, healthy: bool | None, policy: str) -> tupl
     if healthy is not False:
         return "", False
     if policy == "observe":
-        return "a person: robomend only observes it (policy observe)", True
+        return "a person: robomend only observes it", True
     if repair is not None and repair["state"] in {RepairState.ESCALATED, RepairState.UNCONFIRMED}:
         return f"a person: {repair['reason'] or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:
