@@ -55,8 +55,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turn the links of a page to the site, and its diagrams to tables."""
+    """Turn the links of a page to the site, and its diagrams to tables; the reference is found after what
+    explains.
+    """
     uri = page.file.src_uri
+    if uri.startswith("reference/"):
+        page.meta["search"] = {"boost": 0.5}
     source = next((name for name, to in BESIDE.items() if to == uri), f"docs/{uri}")
     text = COMMENT.sub("", DIAGRAM.sub(lambda found: machine(found["text"]), markdown))
     return LINK.sub(lambda link: turned(link, source, uri), text)

@@ -23,6 +23,16 @@ def test_a_table_wraps_what_does_not_fit_and_loses_nothing(capsys: Capture) -> N
     assert lines[-1] == "[red]r2[/]  \\x1b[31mred"
 
 
+def test_sentences_in_the_last_column_have_the_room_and_lists_before_it_are_wrapped(capsys: Capture) -> None:
+    rows = [("r-7k2m9x4q", "hokuyo, laser_alignment, imu", "escalated: " + "word " * 20)]
+    show_table(("repair", "bad", "state"), rows)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("r-7k2m9x4q  hokuyo,")
+    assert lines[2].split()[0] == "laser_alignment,"
+    assert max(map(len, lines)) > 70
+    assert len(lines) < 6
+
+
 def test_a_sentence_is_wrapped_under_its_beginning(capsys: Capture) -> None:
     show_paragraph("  note: " + "word " * 40)
     first, *rest = capsys.readouterr().out.splitlines()

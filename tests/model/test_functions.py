@@ -211,7 +211,7 @@ def test_isolability_says_how_functions_work_without_what_cannot_be_told_apart(
     asked = ["model", "check", str(file), "--isolability"]
     assert run([*asked, "-o", "ok(scan)", "-o", "active(place, map)", "-o", "ok(visibility)"]) == 0
     said = capsys.readouterr().out
-    assert "observing it tells nothing" not in said
+    assert "observing it adds nothing" not in said
     assert "active(place,map) and ok(visibility): decides how functions work" in said
     assert "lidar and slam cannot be told apart" in said
     alike = said.partition("lidar and slam cannot be told apart")[2]

@@ -85,7 +85,7 @@ async def test_a_receiver_that_is_not_there_is_not_reached() -> None:
     hook = Hook()
     hook.server_close()
     outcome = await delivered(MESSAGE, **by_hook(hook))
-    assert outcome == Delivery(False, "not reached: nobody listens there, or its certificate is not good")
+    assert outcome == Delivery(False, "not reached: the connection was refused, or its certificate was")
 
 
 async def test_a_name_that_leads_inside_is_not_called(hook: Hook, monkeypatch: pytest.MonkeyPatch) -> None:

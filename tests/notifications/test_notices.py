@@ -118,7 +118,7 @@ def test_a_robot_of_which_nothing_is_known_is_told() -> None:
     assert (notice.about, notice.robot, notice.repair) == ("unknown", "r1", None)
     assert notice.title == "r1: Nothing is heard of it"
     assert notice.lines == (
-        "A person is needed: do its agent and its network run?",
+        "A person is needed: are its agent and its network running?",
         "not observed: on(jaguar), ok(odom)",
     )
 

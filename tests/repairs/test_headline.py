@@ -68,7 +68,7 @@ BY_MEDIUM = "altitude works by medium since 23:23:04, as visibility fell to 2.9,
         ({"health": HealthState.HEALTHY, "since_ns": AT}, f"Healthy since 23:23:04; {BY_MEDIUM}."),
         (
             {"health": HealthState.DEGRADED, "blamed": [(("lamp",), None)], "since_ns": AT},
-            "something is wrong, because of lamp since 23:23:04; the robot does without; " + BY_MEDIUM + ".",
+            f"something is wrong, because of lamp since 23:23:04; the robot works without it; {BY_MEDIUM}.",
         ),
     ],
 )
@@ -156,7 +156,7 @@ def test_two_independent_faults_are_two_with_a_time_each() -> None:
                 step("power_up", "hokuyo", state="done"),
                 step("start_node", "n", state="running"),
             ),
-            "Under way: Start n (step 2 of 2).",
+            "Under way: start n (step 2 of 2).",
         ),
         (
             repair(RepairState.WAITING, waiting_for=["ok(scan)"], probe={"atom": "ok(scan)"}),
@@ -168,7 +168,7 @@ def test_two_independent_faults_are_two_with_a_time_each() -> None:
         ),
         (
             repair(RepairState.ESCALATED, reason="no known action makes imu good", retry_ns=AT + 10**9),
-            "A person is needed: no known action makes imu good. It is tried again by itself at 23:23:05.",
+            "A person is needed: no known action makes imu good. The next try is at 23:23:05.",
         ),
         (
             repair(RepairState.CANCELLED, reason="not today"),
@@ -190,11 +190,48 @@ def test_healthy_unknown_and_never_reported() -> None:
     )
     assert said(health=HealthState.UNKNOWN, since_ns=AT) == (
         "Nothing is heard of it since 23:23:04.",
-        "A person is needed: do its agent and its network run?",
+        "A person is needed: are its agent and its network running?",
     )
     assert said(health=HealthState.UNKNOWN, reported=False)[0] == "Nothing has been reported yet."
-    partly = said(health=HealthState.PARTLY_UNKNOWN, unknown=["ok(scan)"], since_ns=AT)[0]
-    assert partly == "Nothing is known to be wrong; not known ok(scan) since 23:23:04."
+
+
+@pytest.mark.parametrize(
+    ("unknown", "away", "what", "then"),
+    [
+        (
+            ["ok(scan)", "running(scan)"],
+            (),
+            "scan is not observed since 23:23:04; no fault is known.",
+            "It is judged as soon as it is reported.",
+        ),
+        (
+            ["ok(imu)", "ok(odom)", "ok(scan)", "on(lidar)"],
+            ("agent",),
+            "imu, odom and 2 more are not observed since 23:23:04; no fault is known.",
+            "Is agent running? It no longer reports.",
+        ),
+        (
+            [],
+            (),
+            "No fault is known, and what was observed is not judged yet.",
+            "It is judged as soon as it is reported.",
+        ),
+    ],
+)
+def test_what_is_not_observed_is_named_and_who_should_report_it(
+    unknown: list[str], away: tuple[str, ...], what: str, then: str
+) -> None:
+    partly = HealthState.PARTLY_UNKNOWN
+    assert said(health=partly, unknown=unknown, away=away, since_ns=AT) == (what, then)
+
+
+def test_a_long_reason_ends_with_a_whole_clause() -> None:
+    first = "starting mapper could not be carried out: the robot's agent did not take it in 10 s (2 times)"
+    given = f"{first}; no known repair: mapper: it was done 3 times in this repair, and nothing else was seen"
+    then = said(repair=repair(RepairState.ESCALATED, reason=given))[1]
+    assert then == f"A person is needed: {first}."
+    then = said(repair=repair(RepairState.ESCALATED, reason="word " * 60))[1]
+    assert then.endswith("word …")
 
 
 names = st.sampled_from(["hokuyo", "laser", "imu", "x y", 'a"b', ""])

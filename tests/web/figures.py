@@ -23,6 +23,7 @@ from typing import Any
 
 import httpx
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from tests import packages
 from tests.browser import FLAGS
 
 from robomend.model.loading import load_text
@@ -247,7 +248,7 @@ def main() -> None:
     with served() as (url, pid), sync_playwright() as playwright:
         flags = [flag for flag in FLAGS if not flag.startswith(("--remote", "--headless"))]
         flags.append("--enable-precise-memory-info")
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
+        browser = playwright.chromium.launch(executable_path=packages.chromium(), args=flags)
         with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api:
             api.put("/models/tedusar", json={"source": resource("examples", "tedusar.yaml").read_text()})
             for name, components in (("forty", COMPONENTS), ("large", 300)):

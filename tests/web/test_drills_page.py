@@ -25,7 +25,7 @@ def test_a_robots_drills_are_listed_with_their_state(service: Service, look: Loo
     body = {"fault": "node-killed", "component": "hokuyo_node", "reason": "<b>x</b>"}
     answer = service.api("POST", "/robots/drilled/drills", json=body)
     assert answer.status_code == 202, answer.text
-    row = page.get_by_role("row").filter(has_text="node-killed")
+    row = page.get_by_role("row").filter(has_text="Kill the process of hokuyo_node").last
     expect(row).to_contain_text("hokuyo_node")
     expect(row).to_contain_text("local")
     assert serious(page) == []
@@ -37,7 +37,7 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     service.observe("running(hokuyo_node)", "ok(scan)", robot="pulled")
     service.diagnosis("pulled", wait_s=30, after=0)
     page = live(look(service, viewport={"width": 1440, "height": 900}), "/ui/robots/pulled/drills")
-    row = page.get_by_role("row").filter(has_text="Pull the data cable of hokuyo")
+    row = page.get_by_role("row").filter(has_text="Pull the data cable of hokuyo").first
     expect(row).to_contain_text("not ok(scan)")
     expect(row).to_contain_text("one of several")
     page.locator("#never summary").click()
@@ -48,7 +48,7 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     row.get_by_label("Why").fill("to see it")
     row.get_by_role("button").click()
     held = page.locator('[data-part="drills"] tbody tr')
-    expect(held).to_contain_text("pull the data cable of hokuyo")
+    expect(held).to_contain_text("Pull the data cable of hokuyo")
     expect(page.get_by_text("Nothing is planted now: a drill is under way.")).to_be_visible()
     held.get_by_role("button", name="Done").click()
     expect(held.locator("b")).to_have_text("planted")

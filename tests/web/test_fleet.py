@@ -56,7 +56,9 @@ def test_every_robot_is_told_with_its_state_its_diagnosis_and_what_it_waits_for(
     at = r"since \d\d:\d\d:\d\d"
     assert re.search(rf"scan is not as it should be {at}, because of one of two: hokuyo", row(page, "broken"))
     assert "Restart hokuyo_node?" in row(page, "broken")
-    assert re.search(rf"jaguar has no power {at}\.\s+A person is needed: its policy", row(page, "looked-at"))
+    assert re.search(
+        rf"jaguar has no power {at}\.\s+A person is needed: robomend only observes", row(page, "looked-at")
+    )
     assert re.search(rf"Healthy {at}\.\s+Nothing is to be done\.", row(page, "works"))
     assert "Nothing has been reported yet." in row(page, "never-reported")
     # In one look: the list is put in its order anew with each change that comes in.

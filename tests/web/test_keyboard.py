@@ -88,7 +88,7 @@ def test_an_operator_needs_no_mouse(keyed: Service, look: Look) -> None:
     assert page.evaluate("document.activeElement.parentElement.id") == "why-0"
 
     # answering a probe
-    reach(page, "Yes, ok(scan)", "button")
+    reach(page, "Yes: is scan as it should be?", "button")
     page.keyboard.press("Enter")
     expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains not ok(map)")
     expect(page.locator(".diagnoses li")).to_have_count(1)
@@ -171,12 +171,14 @@ def test_whoever_is_about_to_say_no_does_not_say_yes_because_the_page_changed(
     page.get_by_label("Your key").fill(keyed.key("operator"))
     page.keyboard.press("Enter")
     page.wait_for_selector(LIVE)
-    button = page.get_by_role("button", name="No, not ok(scan)")
+    button = page.get_by_role("button", name="No: is scan as it should be?")
     button.focus()
     old = button.element_handle()
     observe("not ok(odom)")
     page.wait_for_function("button => !button.isConnected", arg=old)
-    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "No, not ok(scan)"
+    assert (
+        page.evaluate("document.activeElement.getAttribute('aria-label')") == "No: is scan as it should be?"
+    )
 
 
 def test_what_escape_closes_may_be_within_what_stays_open(keyed: Service, look: Look) -> None:

@@ -61,7 +61,7 @@ def test_pairs_that_are_told_apart_better_or_worse_are_counted() -> None:
     change = isolability_change(report(["--", "+-"], False, True), report(["-+", "~-"], True, True))
     assert change is not None
     assert (change.better, change.worse) == (1, 1)
-    assert change.pairs[0] == ("a", "b", "never", "whatever they show")
+    assert change.pairs[0] == ("a", "b", "never", "always")
     assert change.detectable == Difference(("a",), ())
 
 
@@ -100,6 +100,6 @@ def test_versions_are_compared_and_isolability_shown_on_pages(service: Service, 
     expect(page.locator("main .notice")).to_contain_text("can be detected")
     assert serious(page) == []
     keep(page, "isolability")
-    page.get_by_label("By what this robot reports").fill("nobody")
+    page.get_by_label("With what is observed of robot").fill("nobody")
     page.get_by_role("button", name="Look").click()
     expect(page.get_by_role("alert")).to_contain_text("nobody")

@@ -119,7 +119,7 @@ def test_repairs_and_the_audit_log_tell_who_did_what_and_why(kept: Service, look
     machine = machine.last
     machine.get_by_text("steps").click()
     expect(machine).to_contain_text("repair.create")
-    assert machine.locator("td.reason").inner_text().count("to be repaired") <= 1, "a reason is told once"
+    assert machine.locator("td.reason").inner_text().count("the only cause") <= 1, "a reason is told once"
     page.get_by_label("Who").select_option("people")
     page.get_by_role("button", name="Show").click()
     expect(page.get_by_role("rowheader", name="robomend")).to_have_count(0)
@@ -139,8 +139,11 @@ def test_a_repair_is_one_file_to_print_and_to_send(kept: Service, look: Look, tm
     assert not re.search(r"(?:src|href)=|<script|@import|url\(", text), "it needs nothing else"
     page.get_by_role("link", name="Report to print").click()
     shown = page.inner_text("body")
-    for said in (repair["headline"], "<b>not today</b>", "repair.cancel", "local", "Power up", "Account"):
+    for said in (repair["headline"], "<b>not today</b>", "Decided by people", "local", "Power up", "Account"):
         assert said in shown
+    people = page.locator("table", has=page.get_by_text("Who", exact=True))
+    expect(people.locator("tbody tr")).to_have_count(1)
+    expect(people.get_by_role("cell", name="cancel", exact=True)).to_have_attribute("title", "repair.cancel")
     assert page.evaluate("getComputedStyle(document.querySelector('td')).whiteSpace") == "nowrap", "its style"
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -41,7 +41,7 @@ def test_a_moment_comes_onto_the_robots_page_and_leads_to_all_of_it(service: Ser
     assert serious(page) == []
     keep(page, "moments")
     part.get_by_role("link", name="All of it").click()
-    expect(page.get_by_role("heading", name="When it turned bad: struck")).to_be_visible()
+    expect(page.get_by_role("heading", name="The moment it turned bad: struck")).to_be_visible()
     expect(page.get_by_role("row").filter(has_text="hokuyo_node")).to_contain_text("exit code 1")
     assert serious(page) == []
     keep(page, "moment")

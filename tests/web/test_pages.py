@@ -15,8 +15,9 @@ from robomend.api.routers.control import ANSWER_S
 from robomend.api.routers.pages import ours
 from robomend.security import RULES
 from robomend.settings import Settings
+from robomend.store.records import AuditEntry
 from robomend.web.rendering import percent, static_address, static_files
-from robomend.web.words import duration, listed, without
+from robomend.web.words import duration, folded, listed, without
 
 FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
@@ -193,3 +194,27 @@ def test_a_reason_does_not_name_again_what_was_named_right_before() -> None:
     assert without("a, b: helps with probability 1 at cost 4", ["a", "b"]) == "helps with probability 1"
     assert without("every leading diagnosis blames a", ["a"]) == "every leading diagnosis blames a"
     assert without("nothing is bad", []) == "nothing is bad"
+
+
+def test_what_the_machine_did_in_one_repair_is_one_line_of_the_audit_log() -> None:
+    newest_first = [
+        AuditEntry("robomend", "repair.escalated", "r-2", "a", "no help"),
+        AuditEntry("robomend", "action.result", "start_node(n)", "a", "failed"),
+        AuditEntry("robomend", "action.sent", "power_up(d)", "b", "of another robot"),
+        AuditEntry("agent", "observations.report", "agent", "a"),
+        AuditEntry("robomend", "action.sent", "start_node(n)", "a", "n is blamed"),
+        AuditEntry("robomend", "repair.running", "r-2", "a", "n is blamed"),
+        AuditEntry("ann", "repair.approve", "r-2", "a", "go on"),
+        AuditEntry("robomend", "repair.awaiting-approval", "r-2", "a", "n is blamed"),
+        AuditEntry("robomend", "repair.cancelled", "r-1", "a"),
+    ]
+    lines = folded(newest_first, "robomend")
+    assert [(line.entry.action, len(line.before)) for line in lines] == [
+        ("repair.escalated", 3),
+        ("action.sent", 0),
+        ("observations.report", 0),
+        ("repair.approve", 0),
+        ("repair.awaiting-approval", 0),
+        ("repair.cancelled", 0),
+    ]
+    assert lines[0].reasons == ["n is blamed", "failed", "no help"]

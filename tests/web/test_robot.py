@@ -146,7 +146,7 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     for name in ("hokuyo", "hokuyo_node", "hector_mapping"):
         assert f"{name}\n{name} explains not ok(map)" in diagnosis
     assert "There are no others." in diagnosis
-    assert "Is scan as it should be? It would tell hector_mapping (yes) from hokuyo" in diagnosis
+    assert "Is scan as it should be? Yes leaves hector_mapping; no leaves hokuyo" in diagnosis
     looked = page.get_by_title("ok(scan): expected 0.92 bit for 1.0 s of looking")
     assert "Is scan as it should be?" in looked.inner_text()
     assert "in 1 of 3 diagnoses" in diagnosis
@@ -190,7 +190,7 @@ def test_the_graph_shows_the_way_from_cause_to_symptom_and_what_a_thing_rests_on
     rests = page.locator("svg.graph .thing.upstream text").all_text_contents()
     upstream = {"hokuyo", "hokuyo_node", "scan", "hector_mapping", "map"}
     assert {text.strip("✕!? ") for text in rests} == upstream
-    page.get_by_role("heading", name="What rests on what").hover()
+    page.get_by_role("heading", name="What depends on what").hover()
     expect(page.locator("svg.graph.tracing")).to_have_count(0)
 
 
@@ -241,7 +241,7 @@ def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service,
     service.with_robot("probed")
     service.observe("not ok(map)", robot="probed")
     page = live(look(service), "/ui/robots/probed")
-    page.get_by_role("button", name="Yes, ok(scan)").click()
+    page.get_by_role("button", name="Yes: is scan as it should be?").click()
     expect(page.locator(".diagnoses li")).to_have_count(1)
     expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains not ok(map)")
     expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")
@@ -322,9 +322,9 @@ def test_a_plan_is_shown_without_acting(service: Service, look: Look) -> None:
 def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service, look: Look) -> None:
     page = live(look(ill), "/ui/robots/silent")
     assert "unknown" in part(page, "state")
-    assert "nobody has reported anything yet" in part(page, "obs")
+    assert "Nothing has been reported yet" in part(page, "obs")
     assert "Nothing was observed yet." in part(page, "diagnosis")
-    assert "Nobody was blamed" in part(page, "past")
+    assert "No component was blamed" in part(page, "past")
     assert "healthy" not in part(page, "state")
     assert page.locator("svg.graph .good").count() == 0, "silence is not health"
     assert page.locator("svg.graph .unknown").count() >= 14
@@ -338,8 +338,8 @@ def test_of_a_robot_whose_observations_are_outlived_nothing_is_shown_as_good(
     service.api("POST", "/robots/gone/observations", json={"observations": seen, "lifetime_s": 1})
     page = live(look(service), "/ui/robots/gone")
     expect(page.locator('[data-part="state"]')).to_contain_text("unknown")
-    expect(page.locator('[data-part="obs"] .counted')).to_have_text("None known, 4 outlived")
-    expect(page.locator('[data-part="diagnosis"]')).to_contain_text("nobody was seen to be well")
+    expect(page.locator('[data-part="obs"] .counted')).to_have_text("None known, 4 expired")
+    expect(page.locator('[data-part="diagnosis"]')).to_contain_text("none is seen to work")
     past = page.locator('[data-part="past"] svg.wide')
     expect(past.locator(".suspect").first).to_be_attached()
     expect(past.locator(".good")).to_have_count(0)
@@ -392,7 +392,7 @@ def test_the_past_is_scrolled_back_to_by_addresses(ill: Service, look: Look) -> 
     page = live(look(ill), "/ui/robots/ill?span=600")
     page.get_by_role("link", name="← earlier").click()
     page.wait_for_selector(LIVE)
-    assert "Nobody was blamed" in part(page, "past")
+    assert "No component was blamed" in part(page, "past")
     asked = urllib.parse.parse_qs(urllib.parse.urlsplit(page.url).query)
     assert asked["span"] == ["600"]
     page.get_by_role("link", name="now").click()

@@ -184,7 +184,7 @@ def _disk(settings: Settings) -> str:
         raise Amiss(
             f"{free >> 20} MB free in {folder}; below {FREE_BYTES >> 20} MB writes will soon be refused"
         )
-    return f"{free >> 20} MB free in {folder}"
+    return f"{free / 1e9:.1f} GB free in {folder}"
 
 
 def _database(settings: Settings) -> str:
@@ -199,7 +199,10 @@ def _database(settings: Settings) -> str:
                 if one.id != store.ownership.instance
             ]
             used = f"; used by {', '.join(others)}" if others else ""
-            return f"{store.url} answers; events {kept.oldest} to {kept.newest}{used}"
+            kept_events = (
+                f"events {kept.oldest} to {kept.newest}" if kept.newest >= kept.oldest else "no events"
+            )
+            return f"{store.url} answers; {kept_events}{used}"
 
     return asyncio.run(look())
 

@@ -63,8 +63,8 @@ def table(found: Isolability) -> list[str]:
     wide = max(map(len, names))
     lines = [
         "",
-        "can the fault of the row be told from that of the column?   - never   ~ by some of what it shows   "
-        "+ whatever it shows",
+        "can the fault of the row be told from that of the column?   - never   ~ by some symptoms only   "
+        "+ always",
     ]
     for name, row, detectable in zip(names, found.matrix, found.detectable, strict=True):
         note = "   cannot be detected" if detectable is False else ""

@@ -31,11 +31,15 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for heading in headings:
-        table.add_column(Text(heading), overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))
     console = Console(highlight=False)
+    cells = [[printable(cell) for cell in row] for row in rows]
+    # Where sentences stand in the last column, they have the room: lists before it are wrapped first.
+    crowded = any(len(row[-1]) > console.width * 2 // 5 for row in cells)
+    for place, heading in enumerate(headings):
+        listed = crowded and place < len(headings) - 1 and any(" " in row[place] for row in cells)
+        table.add_column(Text(heading), overflow="fold", max_width=console.width // 5 if listed else None)
+    for row in cells:
+        table.add_row(*map(Text, row))
     with console.capture() as capture:
         console.print(table)
     for line in capture.get().splitlines():

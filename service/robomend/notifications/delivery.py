@@ -49,7 +49,7 @@ async def deliver(recipient: Recipient, messages: Messages, settings: Settings) 
 
 UNREACHED = (
     (httpx.TimeoutException, "no answer in time"),
-    (httpx.ConnectError, "nobody listens there, or its certificate is not good"),
+    (httpx.ConnectError, "the connection was refused, or its certificate was"),
     (httpx.TransportError, "the connection broke"),
     (socket.gaierror, "its name leads nowhere"),
 )

@@ -236,7 +236,7 @@ def _weigh(
     elif not plan.steps:
         reason = "; ".join(plan.unreachable) or f"{names}: nothing to do"
     else:
-        reason = f"{names}: {_how_probably(helps, rivals)} at cost {plan.cost:g}"
+        reason = f"{names}: {_how_probably(helps, rivals, plan.cost)}"
         if rated := rates_in(plan, bad, one.rates):
             reason += f"; {', '.join(map(str, rated))}"
         if one.darkens:
@@ -247,8 +247,9 @@ def _weigh(
             reason += f"; not all of it: {'; '.join(plan.unreachable)}"
     vain = [attempt for attempt in failures if attempt.lasted]
     if vain:
-        seen, of = sum(attempt.effect_seen for attempt in vain), counted(len(vain), "time")
-        reason += f"; repaired {_times(vain)} before without help; its acts worked {seen} of {of}"
+        seen = sum(attempt.effect_seen for attempt in vain)
+        worked = {0: "took no effect", len(vain): "took effect"}.get(seen, f"took effect {seen} times")
+        reason += f"; repaired {_times(vain)} before without help: its actions {worked}"
     if len(vain) < len(failures):
         short = [attempt for attempt in failures if not attempt.lasted]
         reason += f"; repaired {_times(short)} before, and soon it was broken again"
@@ -264,13 +265,15 @@ def _times(attempts: Sequence[Attempt]) -> str:
     return "once" if len(attempts) == 1 else f"{len(attempts)} times"
 
 
-def _how_probably(helps: float, rivals: int) -> str:
-    """Say how probably a plan helps. What nobody doubts rests on the model: that is said instead of "1"."""
+def _how_probably(helps: float, rivals: int, cost: float) -> str:
+    """Say how probably a plan helps, and at which cost, where it has rivals. What nobody doubts rests on the
+    model: that is said instead of "1".
+    """
     if helps < CERTAIN:
-        return f"helps with probability {helps:.2g}"
+        return f"helps with probability {helps:.2g} at cost {cost:g}"
     if rivals == 1:
-        return "the only cause that the model knows for this; to be repaired"
-    return "helps whichever of the suspected causes it is,"
+        return "the only cause that the model knows for this"
+    return f"helps whichever of the suspected causes it is, at cost {cost:g}"
 
 
 CERTAIN = 0.995

@@ -121,7 +121,7 @@ def unconfirmed(unknown: Sequence[Atom], state: Robot) -> str:
         )
     if rest:
         told.append(f"nobody reports {named(rest)} any more")
-    return f"not confirmed: {'; '.join(told)}"
+    return f"not confirmed: {'; '.join(told) or 'nothing is heard of the robot any more'}"
 
 
 def in_doubt(last: Turn) -> str | None:

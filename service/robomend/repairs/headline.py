@@ -85,6 +85,7 @@ class Facts:
     more: int = 0  # diagnoses that are not among them
     symptoms: Sequence[Json] = ()  # `seen`, the oldest first
     unknown: Sequence[str] = ()
+    away: Sequence[str] = ()  # observers of which nothing is left but what is unknown
     since_ns: int | None = None  # of the state, where no symptom says it
     fault: str = ""  # why there is no diagnosis
     reported: bool = True  # anything, ever
@@ -144,6 +145,8 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
     if health in UNCLEAR:
         over = [one.expires_ns for one in entries if one.expires_ns and one.atom in unknown]
         since_ns = (max if health is HealthState.UNKNOWN else min)(over) if over else None
+    present = {one.source for one in entries if one.atom not in unknown}
+    away = sorted({one.source for one in entries if one.expires_ns and one.atom in unknown} - present)
     conflicts = [(one["components"], one["observations"]) for one in result.get("conflicts", ())]
     fallen = robot.sight.symptoms()
     # That the water is too murky for a variant is nobody's fault, and follows from none.
@@ -160,6 +163,7 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
                 if (one := seen(entry, conflicts))["blames"] or entry.atom not in only_conditions
             ],
             unknown=[str(atom) for atom in unknown],
+            away=away,
             since_ns=since_ns,
             fault="" if current is None or not current.fault else str(current.fault.get("detail")),
             reported=bool(entries) or bool(robot.revision),
@@ -258,8 +262,11 @@ def _what(of: Facts) -> tuple[Told, int | None]:
         case HealthState.UNKNOWN:
             return ("Nothing is heard of it", *_since(of.since_ns)), of.since_ns
         case HealthState.PARTLY_UNKNOWN:
-            of_them = f" {_atoms(of.unknown)}" if of.unknown else ""
-            return (f"Nothing is known to be wrong; not known{of_them}", *_since(of.since_ns)), of.since_ns
+            if not (missed := list(dict.fromkeys(map(_subject, of.unknown)))):
+                return ("No fault is known, and what was observed is not judged yet",), of.since_ns
+            are = "is" if len(missed) == 1 else "are"
+            missing = (f"{_listed(missed)} {are} not observed", *_since(of.since_ns), "; no fault is known")
+            return missing, of.since_ns
     faults = list(_faults(of))
     if not faults:
         return ("Something is wrong, and no diagnosis explains it", *_since(of.since_ns)), of.since_ns
@@ -274,7 +281,7 @@ def _what(of: Facts) -> tuple[Told, int | None]:
     if len(faults) > len(shown):
         words.append(f"; and {len(faults) - len(shown)} more")
     if of.health is HealthState.DEGRADED:
-        words.append("; the robot does without")
+        words.append("; the robot works without it")
     if follow := [_subject(one["literal"]) for one in of.symptoms if one["literal"] not in heads]:
         words.append(f"; {_following(list(dict.fromkeys(follow)))}")
     words += _working(of.functions)
@@ -421,15 +428,23 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
         case HealthState.HEALTHY:
             return _mended(repair), False, None
         case HealthState.UNKNOWN if not of.reported:
-            return ("Its agent has to be started, or what is seen reported by hand.",), False, None
+            return ("Start its agent, or report by hand what you see.",), False, None
         case HealthState.UNKNOWN:
-            return ("A person is needed: do its agent and its network run?",), True, None
+            return ("A person is needed: are its agent and its network running?",), True, None
         case HealthState.PARTLY_UNKNOWN:
             if repair is not None and repair["state"] == RepairState.UNCONFIRMED:
                 return (f"A person is needed to look: {short(repair['reason'])}.",), True, None
-            return ("It is shown as soon as it is reported.",), False, None
+            if of.away:
+                one = len(of.away) == 1
+                words = f"{'Is' if one else 'Are'} {_listed(of.away)} running?"
+                return (
+                    (f"{words} {'It no longer reports' if one else 'They no longer report'}.",),
+                    False,
+                    None,
+                )
+            return ("It is judged as soon as it is reported.",), False, None
     if of.policy == "observe":
-        return ("A person is needed: its policy is to observe only.",), True, None
+        return ("A person is needed: robomend only observes it.",), True, None
     if repair is not None and repair["state"] != RepairState.REPAIRED:
         return _given_up(repair), True, None
     return ("No repair is under way yet.",), False, None
@@ -442,9 +457,10 @@ def _given_up(repair: Json) -> Told:
         RepairState.UNCONFIRMED: "it is not seen to be well",
     }.get(repair["state"], "")
     why = ": ".join(filter(None, (how, short(repair["reason"] or "").rstrip("."))))
-    words: list[str | int] = [f"A person is needed: {why or 'the last repair did not help'}."]
+    words: list[str | int] = [f"A person is needed: {why or 'the last repair did not help'}"]
+    words += [] if why.endswith("…") else ["."]
     if repair.get("retry_ns"):
-        words += [" It is tried again by itself at ", repair["retry_ns"], "."]
+        words += [" The next try is at ", repair["retry_ns"], "."]
     return tuple(words)
 
 
@@ -481,7 +497,8 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
         running = running or [step for step in plan if step["state"] == StepState.WAITING][:1]
         done = sum(step["state"] in {StepState.DONE, StepState.ALREADY} for step in plan)
         at = f" (step {min(done + 1, len(plan))} of {len(plan)})" if len(plan) > 1 else ""
-        return (f"Under way: {_titles(running) or 'its repair'}{at}.",), False, None
+        acts = _titles(running) or "its repair"
+        return (f"Under way: {acts[0].lower()}{acts[1:]}{at}.",), False, None
     if state == RepairState.VERIFYING:
         return ("The actions are done; what is observed next shows whether they helped.",), False, None
     return (f"{str(state).capitalize()}.",), False, None
@@ -525,9 +542,14 @@ def _number(count: int) -> str:
 
 
 def short(text: str) -> str:
-    """Return as much of a text as a headline has room for, in one line and as people say it."""
+    """Return as much of a text as a headline has room for, in one line and as people say it: whole clauses,
+    where the first of them fits.
+    """
     text = in_prose(" ".join(text.split()))
-    return text if len(text) <= LETTERS else f"{text[:LETTERS].rsplit(' ', 1)[0]} …"
+    if len(text) <= LETTERS:
+        return text
+    whole = text[: LETTERS + 1].rpartition("; ")[0]
+    return whole or f"{text[:LETTERS].rsplit(' ', 1)[0]} …"
 
 
 def _subject(literal: str) -> str:

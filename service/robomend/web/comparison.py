@@ -14,7 +14,7 @@ from typing import Any
 from robomend.model.components import Component
 from robomend.model.system import System
 
-WORDS = {"+": "whatever they show", "~": "by some of what they show", "-": "never", "?": "not known"}
+WORDS = {"+": "always", "~": "by some symptoms only", "-": "never", "?": "not known"}
 """The marks of an isolability matrix."""
 
 

@@ -21,7 +21,7 @@ FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
 CELL, LETTERS = 20, 13  # pixels
 TOP, MARGIN = 64, 16
-TOLD = {"-": "never told apart", "~": "told apart by some of what the first shows", "?": "not known"}
+TOLD = {"-": "never told apart", "~": "told apart by some symptoms of the first only", "?": "not known"}
 """What is marked, in the titles of the marks."""
 LEGEND = 190  # of one mark and its words; two stand side by side, as a phone has room for
 MOST_ROWS = 200
@@ -71,7 +71,7 @@ def isolability_matrix(
             said = escape(f"{names[index]}, {names[other]}: {TOLD.get(found)}")
             out.append(f"<g>{mark}<title>{said}</title></g>" if found in TOLD else mark)
     for place, (kind, words) in enumerate(
-        (("-", "never"), ("~", "by some of what it shows"), ("+", "always"), ("?", "not known"))
+        (("-", "never"), ("~", "by some symptoms only"), ("+", "always"), ("?", "not known"))
     ):
         x, y = MARGIN + place % 2 * LEGEND, top + count * CELL + 22 + place // 2 * 26
         frame = f"<path d='M{x:.1f} {y:.1f}h{CELL}v{CELL}h{-CELL}z' fill='none' stroke='{GRID}'/>"

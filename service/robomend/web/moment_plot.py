@@ -68,8 +68,8 @@ def svg(source: str, kind: str, at_s: Sequence[float], values: Sequence[float]) 
         f"<title>{escape(said)}</title>"
         f'<path class="moment" d="M{zero:.1f} {TOP - 4}V{HIGH - BOTTOM + 4}"/>'
         f'<path class="line" d="{"".join(path)}"/>'
-        f'<text x="{LEFT - 6}" y="{TOP + 8}" text-anchor="end">{high:.4g}{unit}</text>'
-        f'<text x="{LEFT - 6}" y="{HIGH - BOTTOM}" text-anchor="end">{low:.4g}{unit}</text>'
+        f'<text x="{LEFT - 6}" y="{TOP + 8}" text-anchor="end">{high:.3g}{unit}</text>'
+        f'<text x="{LEFT - 6}" y="{HIGH - BOTTOM}" text-anchor="end">{low:.3g}{unit}</text>'
         f'<text x="{LEFT}" y="{HIGH - 5}">{begin_s:.0f} s</text>'
         f'<text x="{WIDE - 8}" y="{HIGH - 5}" text-anchor="end">{end_s:.0f} s</text>'
         "</svg>"

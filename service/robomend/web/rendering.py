@@ -25,7 +25,7 @@ from robomend.repairs.account import how_it_ended, not_chosen, since, waited
 from robomend.repairs.headline import Told, clock, in_words, question
 from robomend.web.moment_plot import svg as moment_svg
 from robomend.web.plan_graph import svg as plan_svg
-from robomend.web.words import duration, layers, listed, repair_state, without
+from robomend.web.words import did, duration, layers, listed, repair_state, size, without
 from robomend_client.counts import counted
 
 HERE = Path(__file__).resolve().parent
@@ -101,7 +101,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(counted=counted)
-    environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
+    environment.filters.update(
+        listed=listed, repair_state=repair_state, did=did, size=size, layers=layers, json=in_json
+    )
     environment.filters.update(
         without=without, plan_graph=lambda plan, states: Markup(plan_svg(plan, states))
     )

@@ -41,7 +41,7 @@ def without(reason: str, bad: Sequence[str]) -> str:
     return LONE_COST.sub("", reason)
 
 
-LONE_COST = re.compile(r"(?:; to be repaired)? at cost [\d.]+$")
+LONE_COST = re.compile(r" at cost [\d.]+$")
 
 
 def repair_state(state: str) -> str:
@@ -80,29 +80,46 @@ class FoldedEntry:
 
     @property
     def reasons(self) -> list[str]:
-        """Return what was said of why, each once, in the order of the time."""
-        said = (LONE_COST.sub("", one.reason) for one in (*reversed(self.before), self.entry) if one.reason)
-        return list(dict.fromkeys(said))
+        """Return what was said of why, each once, the newest last."""
+        said = (LONE_COST.sub("", one.reason) for one in (self.entry, *self.before) if one.reason)
+        return list(dict.fromkeys(said))[::-1]
 
 
 def folded(entries: Sequence[AuditEntry], machine: str) -> list[FoldedEntry]:
-    """Return a page of the audit log, newest first: what the machine did to one thing, between two things
-    that people did to it, is one line, at its newest.
+    """Return a page of the audit log, newest first: what the machine did to one repair, its actions included,
+    between two things that people did to it, is one line, at its newest.
     """
     lines: list[FoldedEntry] = []
     open_: dict[str, list[AuditEntry]] = {}
+    of_robot: dict[str | None, list[AuditEntry]] = {}  # the line of its repair: no two run at once
     for entry in entries:
         if entry.actor != machine:
-            open_.pop(entry.subject, None)
+            if open_.pop(entry.subject, None) is not None:
+                of_robot.pop(entry.robot, None)
             lines.append(FoldedEntry(entry, ()))
+        elif entry.action.startswith("action.") and entry.robot in of_robot:
+            of_robot[entry.robot].append(entry)
         elif entry.subject in open_ and entry.action.startswith("repair."):
             open_[entry.subject].append(entry)
         else:
             rest: list[AuditEntry] = []
             if entry.action.startswith("repair."):
-                open_[entry.subject] = rest
+                open_[entry.subject] = of_robot[entry.robot] = rest
             lines.append(FoldedEntry(entry, rest))
     return lines
+
+
+def did(action: str) -> str:
+    """Return an entry's action without its subject: `repair.approve` is "approve"."""
+    return action.partition(".")[2].replace("-", " ") or action
+
+
+def size(count: int) -> str:
+    """Return a number of bytes with its unit."""
+    for unit, of in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= of:
+            return f"{count / of:.1f} {unit}"
+    return f"{count} bytes"
 
 
 def duration(seconds: float) -> str:
@@ -132,7 +149,7 @@ def waits_for(repair: Json | None, *, healthy: bool | None, policy: str) -> tupl
     if healthy is not False:
         return "", False
     if policy == "observe":
-        return "a person: its policy is to observe only", True
+        return "a person: robomend only observes it", True
     if repair is not None and repair["state"] in {RepairState.ESCALATED, RepairState.UNCONFIRMED}:
         return f"a person: {repair['reason'] or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:

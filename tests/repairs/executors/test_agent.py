@@ -72,7 +72,7 @@ async def test_an_action_that_returns_twice_keeps_its_first_result(store: Store,
 async def test_nobody_there_means_that_it_did_not_act(store: Store, queue: AgentQueue) -> None:
     result = await sent(store, queue, 0.2)
     assert result.code == UNREACHABLE
-    assert result.message == "the agent on nuc did not ask for such work in 0.2 s"
+    assert result.message == "the agent on nuc did not take it within 0.2 s"
     assert await queue.take("r1", "nuc", 0.1) is None  # withdrawn: too late
     with pytest.raises(StateConflict):
         await queue.feedback("r-1:0", 0, "begun")

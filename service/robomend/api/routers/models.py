@@ -114,8 +114,8 @@ class IsolabilityOut(Out):
     faults: list[SingleOrDoubleFault]
     matrix: list[str] | None = Field(
         examples=[["=+", "-="]],
-        description="a line a fault, a place for each: = itself, - never told from it, ~ by some of what it "
-        "shows, + whatever it shows, ? not known; null for more than 500 faults",
+        description="a line a fault, a place for each: = itself, - never told from it, ~ by some "
+        "symptoms only, + always, ? not known; null for more than 500 faults",
     )
     groups: list[FaultGroup]
     undetectable: list[FaultGroup] = Field(description="one fault each")

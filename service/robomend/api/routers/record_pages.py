@@ -46,6 +46,7 @@ from robomend.drills.permission import board_of, nobody_for, obstacles
 from robomend.drills.score import scored
 from robomend.errors import NotFound, StateConflict
 from robomend.repairs.record import LOOP
+from robomend.repairs.states import RepairState
 from robomend.robots.configuration import protection_of
 from robomend.robots.declared import observables_at_hand
 from robomend.security import ACT, Principal, Role, digest, new_key
@@ -205,7 +206,7 @@ async def report_of_repair(
         seen, _ = diagnoses.between(view, robot, start_ns, end_ns + AROUND_NS, REPORT_DIAGNOSES)
         paging = Paging(limit=REPORT_AUDIT)
         noted = audit.page(view, paging, robot=robot, subject=repair, without=(LOOP,)).items
-        return seen, noted
+        return seen, [one for one in noted if one.action.partition(".")[2] not in set(RepairState)]
 
     seen, people = await parts.store.read(look)
     drawn = past.timeline(robot, start_ns, end_ns + AROUND_NS, seen, [found])

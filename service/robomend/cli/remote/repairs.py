@@ -11,7 +11,8 @@ import click
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import RepairName, RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
-from robomend.planning.plan import in_prose, step_title
+from robomend.planning.plan import step_title
+from robomend.repairs.headline import short
 from robomend.repairs.states import RepairState
 
 
@@ -59,7 +60,7 @@ def repairs(
 
 def _row(one: Mapping[str, Any]) -> tuple[str, ...]:
     bad = ", ".join((one["diagnosis"] or {}).get("bad", ()))
-    state = one["state"] + (f": {in_prose(one['reason'])}" if one["reason"] else "")
+    state = one["state"] + (f": {short(one['reason'])}" if one["reason"] else "")
     return one["id"], one["robot"], at(one["created_ns"]), bad, state
 
 

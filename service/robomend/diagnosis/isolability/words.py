@@ -143,9 +143,9 @@ def summary(found: Isolability, system: System) -> Iterator[str]:
         if known and set(row) <= {"+", "="}
     )
     yield (
-        f"{counted(len(found.observed), 'observable')} at hand: of {counted(count, 'single fault')} "
-        f"{shown} can be detected, {apart} of these told from every other, "
-        f"{always} of them whatever they show"
+        f"{shown} of {counted(count, 'single fault')} can be detected by "
+        f"{counted(len(found.observed), 'observable')}: {always} always told from every other fault, "
+        f"{apart - always} by some symptoms only, {shown - apart} not"
     )
     alike = [
         f"{_fault(found.faults[i])} / {_fault(found.faults[j])}"
@@ -154,10 +154,7 @@ def summary(found: Isolability, system: System) -> Iterator[str]:
         if i < j and place == "~" == found.matrix[j][i]
     ]
     if alike:
-        yield (
-            f"told apart by some of what they show only, and alike where nothing but what they share fails: "
-            f"{_some(alike)}"
-        )
+        yield (f"told apart by some symptoms only: {_some(alike)}")
     if not found.complete:
         yield "time ran out: what is not known is marked ?, and not every group was looked at"
     of_functions = spoken_of(system.conditions)
@@ -165,7 +162,7 @@ def summary(found: Isolability, system: System) -> Iterator[str]:
     if chooses:
         yield f"{_some(map(str, chooses))}: decides how functions work, and tells no fault from another"
     if idle := [atom for atom in found.unused if atom not in chooses]:
-        yield f"no rule speaks of {_some(map(str, idle))}: observing it tells nothing"
+        yield f"no rule mentions {_some(map(str, idle))}: observing it adds nothing"
 
 
 def group_words(group: Ambiguity, system: System) -> Iterator[str]:
@@ -175,7 +172,7 @@ def group_words(group: Ambiguity, system: System) -> Iterator[str]:
     if len(faults) > 1:
         text = f"{_some(faults)} cannot be told apart"
         if rivals:
-            text += f", and whatever they show, {_some(rivals, 'or')} may show as well"
+            text += f", nor from {_some(rivals, 'or')}"
     else:
         text = f"{faults[0]} cannot be told from {_some(rivals, 'or')}"
     yield text + _remedy(group, system)

@@ -83,7 +83,7 @@ class AgentExecutor:
             return ActionResult(state.code, state.message)  # it came in just now
         who = f"the agent on {host}" if host else "the robot's agent"
         if state.taken_by is None:
-            return ActionResult(UNREACHABLE, f"{who} did not ask for such work in {action.timeout_s:g} s")
+            return ActionResult(UNREACHABLE, f"{who} did not take it within {action.timeout_s:g} s")
         return ActionResult(TIMED_OUT, f"{who} took it and did not report in {action.timeout_s:g} s")
 
     async def _cut_off(self, action: Action) -> None:
