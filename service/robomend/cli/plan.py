@@ -122,6 +122,8 @@ def show(choice: Choice, result: DiagnosisResult, *, observed: bool = True) -> N
     from rich.markup import escape
     from rich.table import Table
 
+    from robomend.planning.plan import action_titles
+
     console = Console(highlight=False, soft_wrap=True)
     if result.healthy:
         seen = "" if observed else "; nothing was observed: see --observe"
@@ -140,7 +142,8 @@ def show(choice: Choice, result: DiagnosisResult, *, observed: bool = True) -> N
     if others:
         table = Table("instead", "probability", "cost", "actions", title="alternatives", title_justify="left")
         for one in others:
-            actions = ", ".join(map(str, one.plan.steps)) or "; ".join(one.plan.unreachable) or one.reason
+            steps = [{"name": step.name, "parameters": step.parameters} for step in one.plan.steps]
+            actions = ", ".join(action_titles(steps)) or "; ".join(one.plan.unreachable) or one.reason
             names = escape(", ".join(one.diagnosis.bad))
             table.add_row(names, f"{one.weight:.2g}", f"{one.plan.cost:g}", escape(actions))
         console.print(table)
@@ -164,7 +167,7 @@ def _notes(say: Any, plan: Plan) -> None:
     from rich.markup import escape
 
     notes: list[tuple[str, Sequence[str]]] = [
-        ("assumed, as nobody observed it", [str(one) for one in plan.assumed]),
+        ("assumed, as it is not observed", [str(one) for one in plan.assumed]),
         ("cannot be repaired", plan.unreachable),
         ("left alone", plan.excluded),
     ]

@@ -13,7 +13,7 @@ def test_an_observation_is_answered_with_the_diagnosis_of_it(say: Say, shared: S
     _, out, _ = say("observe", robot, "not ok(scan)")
     assert out.startswith("taken in as revision 1: nothing new\n")
     _, out, _ = say("observe", robot, "ok(scan)", "--source", "a person", "--lifetime", "60")
-    assert out.endswith("no fault: nothing that was observed speaks against a component\n")
+    assert out.endswith("no fault: nothing that is observed points to one\n")
     entries = {one["literal"]: one for one in shared.client.observations(robot)["observations"]}
     assert entries["ok(scan)"]["source"] == "a person"
     assert entries["ok(scan)"]["expires_ns"] is not None

@@ -16,7 +16,7 @@ def test_all_robots_are_told_with_what_is_wrong_and_what_they_wait_for(
     heading, ill, *rest = out.splitlines()
     assert heading.split()[:3] == ["robot", "state", "what"]
     assert ill.split()[:4] == [f"{robot}-ill", "unhealthy", "scan", "is"]
-    assert "A person is needed: its policy" in " ".join(
+    assert "A person is needed: robomend only observes" in " ".join(
         word for line in [ill, *rest] for word in line.split()
     )
     assert any(line.split()[:4] == [f"{robot}-well", "healthy", "Healthy", "since"] for line in rest)

@@ -124,7 +124,7 @@ def test_an_action_is_told_once_for_each_thing_that_is_new_of_it() -> None:
 
 def test_a_robot_that_nobody_observes_is_not_called_healthy() -> None:
     nobody = line_of(Kind.DIAGNOSIS, result={"diagnoses": [{"bad": []}]})
-    assert nobody == "r1 no fault: nothing that was observed speaks against a component"
+    assert nobody == "r1 no fault: nothing that is observed points to one"
     assert line_of(Kind.ROBOT, what="health", state="unknown", unknown=[]) == "r1 is unknown"
 
 

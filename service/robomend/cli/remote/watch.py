@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from robomend_client.events import Event
     from robomend_client.rest import ClientError
 
-NO_FAULT = "no fault: nothing that was observed speaks against a component"
+NO_FAULT = "no fault: nothing that is observed points to one"
 """Not that it is healthy: whether enough was observed for that, the robot's state says."""
 
 MOST_ACTIONS = 1000
