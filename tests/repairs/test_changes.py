@@ -563,10 +563,15 @@ async def test_nothing_is_changed_by_an_active_variant_that_nobody_reports_or_by
             return state.function_states()["altitude"].held == held
 
         await until(said, "that nobody reports it")
+        asks = f"{held}: it is not changed before one is, as active(altitude, …)"
+        assert asks in await runtime.repairs.findings("r1")
         two = ("active(altitude, high)", "active(altitude, low)")
         await runtime.robots.observe("r1", Batch(two, source="rover"))
         held = "several variants of altitude are reported active: high, low"
         await until(said, "that two are reported")
+        assert f"{held}: it is not changed before one is, as active(altitude, …)" in (
+            await runtime.repairs.findings("r1")
+        )
         assert await changes_of(runtime) == []
         await runtime.robots.observe("r1", Batch(("active(altitude, high)",), source="rover"))
         # to say that one is active denies the others
