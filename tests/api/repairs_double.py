@@ -63,7 +63,7 @@ class RepairsDouble:
         return [REPAIR]
 
     async def repair(self, repair_id: str) -> Json:
-        if repair_id != "r-1":
+        if repair_id not in {"r-1", "c-1"}:  # a change is decided on as a repair is
             raise NotFound(f"there is no repair {repair_id!r}")
         return REPAIR
 

@@ -122,6 +122,12 @@ def test_a_decision_or_an_answer_that_is_none(
     assert service.api("POST", path, json=body).status_code == status
 
 
+@pytest.mark.parametrize("path", ["/repairs/r-1", "/changes/c-1"])
+@pytest.mark.parametrize(("decision", "state"), [("approve", "running"), ("cancel", "cancelled")])
+def test_a_decision_that_is_one_is_taken(service: Service, path: str, decision: str, state: str) -> None:
+    assert service.api("POST", path, json={"decision": decision}).json()["state"] == state
+
+
 @pytest.mark.parametrize("kind", ["text/plain", "application/xml", "multipart/form-data", ""])
 @pytest.mark.parametrize("path", [PLACE, "/stop"])
 def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -> None:
@@ -138,6 +144,7 @@ def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -
         ("GET", "/robots/none/events", 404),
         ("GET", "/robots/none/history", 404),
         ("GET", "/repairs/none", 404),
+        ("GET", "/changes/c-9", 404),
         ("GET", "/models/none", 404),
         ("GET", "/models/none/versions", 404),
         ("GET", "/robots/r1/board", 404),

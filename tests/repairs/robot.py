@@ -109,6 +109,12 @@ class Robot:
         self.on[device] = False
         self.connected[HARDWARE[device]] = False
 
+    def go_off(self) -> None:
+        """Nothing of it has power or runs."""
+        self.on = dict.fromkeys(self.on, False)
+        self.running = dict.fromkeys(self.running, False)
+        self.connected = dict.fromkeys(self.connected, False)
+
     def do(self, name: str, parameter: str) -> None:
         """What the action does on a robot that works."""
         if name == "power_up":

@@ -21,12 +21,6 @@ from tests.waiting import for_ever
 pytestmark = pytest.mark.anyio
 
 
-def everything_off(robot: Robot) -> None:
-    robot.on = dict.fromkeys(robot.on, False)
-    robot.running = dict.fromkeys(robot.running, False)
-    robot.connected = dict.fromkeys(robot.connected, False)
-
-
 def is_well(robot: Robot) -> bool:
     return not any(sentence.startswith("not") for sentence in robot.sentences())
 
@@ -46,16 +40,16 @@ async def test_a_power_up_survives_kill_9_at_random_moments(tmp_path: Path, long
         remote_robot(running, limits=limits) as robot,
     ):
         await robot.settled()
-        everything_off(robot)
+        robot.go_off()
         last = (await power_up(robot, running, None))["id"]
         await robot.rest()
-        everything_off(robot)
+        robot.go_off()
         began = time.monotonic()
         last = (await power_up(robot, running, last))["id"]  # undisturbed, to know how long it takes
         takes_s = time.monotonic() - began
         for round_ in range(100 if long else 4):
             await robot.rest()
-            everything_off(robot)
+            robot.go_off()
             moment_s = draw.uniform(0, min(1.1 * takes_s, 3.0))
             await asyncio.sleep(moment_s)  # a random moment
             await running[0].kill()
@@ -136,7 +130,7 @@ async def test_a_yes_that_was_given_before_the_crash_holds_after_it(tmp_path: Pa
     ):
         robot.acts_s = (0.4, 0.5)
         await robot.settled()
-        everything_off(robot)
+        robot.go_off()
         asked = await latest(running, awaits)
         client = running[0].client
         assert client is not None
@@ -161,7 +155,7 @@ async def test_the_global_stop_holds_across_a_crash_and_what_it_ended_begins_ane
     async with services(("--data", str(tmp_path))) as running, remote_robot(running) as robot:
         robot.spoil = slow
         await robot.settled()
-        everything_off(robot)
+        robot.go_off()
         async with asyncio.timeout(60):
             await begun.wait()
         client = running[0].client

@@ -133,8 +133,7 @@ async def test_a_release_counts_although_the_service_ended_before_the_next_try(t
     ):
         await robot.settled()
         await runtime.repairs.resume(by="ann", reason="done")
-        while (second := await the_repair(runtime))["id"] == first["id"]:
-            await asyncio.sleep(0.02)
+        second = await the_repair(runtime, after=first["id"])
     assert second["state"] == "repaired"
 
 
@@ -221,8 +220,7 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
             robot.cut("base")
             first = await the_repair(runtime)
         robot.running["mapping"] = False  # the diagnosis changes: another repair
-        while (second := await the_repair(runtime))["id"] == first["id"]:
-            await asyncio.sleep(0.02)
+        second = await the_repair(runtime, after=first["id"])
     assert first["state"] == "failed"
     assert first["reason"] == "an error in robomend: ZeroDivisionError: division by zero; suspected: base"
     assert second["state"] == "repaired"

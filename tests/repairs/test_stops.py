@@ -101,9 +101,7 @@ async def test_no_action_follows_a_request_to_end_the_repair(tmp_path: Path, hal
     async with service(tmp_path) as runtime, robot_on(runtime, actions=patient) as robot:
         robot.spoil = takes_time
         await robot.settled()
-        robot.on = dict.fromkeys(robot.on, False)
-        robot.running = dict.fromkeys(robot.running, False)
-        robot.connected = dict.fromkeys(robot.connected, False)
+        robot.go_off()
         await reached.wait()
         [open_one] = await runtime.repairs.repairs("r1", before=None, limit=1)
         await halt(runtime, open_one["id"])

@@ -98,9 +98,7 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(
     async with services(database, database) as running, remote_robot(running) as robot:
         robot.spoil = slow
         await robot.settled()
-        robot.on = dict.fromkeys(robot.on, False)
-        robot.running = dict.fromkeys(robot.running, False)
-        robot.connected = dict.fromkeys(robot.connected, False)
+        robot.go_off()
         async with asyncio.timeout(60):
             await begun.wait()
         victim = await owner_of(running, database)
@@ -178,9 +176,7 @@ async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end
     async with remote_robot(two, actions=patient) as robot:
         robot.spoil = takes_time
         await robot.settled()
-        robot.on = dict.fromkeys(robot.on, False)
-        robot.running = dict.fromkeys(robot.running, False)
-        robot.connected = dict.fromkeys(robot.connected, False)
+        robot.go_off()
         async with asyncio.timeout(60):
             await second.wait()
         owner = await owner_of(two, database)

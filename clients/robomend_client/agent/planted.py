@@ -121,8 +121,9 @@ UNDO_S = 30.0
 BEYOND_S = 60.0
 """A stand-in ends by itself so long after its lease."""
 
-MUTE_PROCESS = "import sys, time; time.sleep(float(sys.argv[1]))"
-"""What stands in a node's place. It imports nothing of ours, so that it is there at once."""
+MUTE_PROCESS = "import sys, time; time.sleep(float(sys.argv[1]))  # stand_in of a drill of robomend"
+"""What stands in a node's place. It imports nothing of ours, so that it is there at once; the comment is for
+whoever lists processes."""
 
 
 @dataclass(frozen=True)
