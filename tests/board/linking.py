@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+import queue
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 
 from robomend.board.codec import (
     ChannelLimits,
@@ -37,6 +39,26 @@ async def emulated(channels: int = 10, on: tuple[int, ...] = (2,)) -> AsyncItera
         yield emulator
     finally:
         await emulator.close()
+
+
+@contextlib.contextmanager
+def emulated_elsewhere() -> Iterator[int]:
+    """A board that goes on while this loop is held up; its port."""
+    ports: queue.Queue[int] = queue.Queue()
+    over = threading.Event()
+
+    async def serve() -> None:
+        async with emulated() as emulator:
+            ports.put(emulator.port)
+            await asyncio.to_thread(over.wait, END_S)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()), daemon=True)
+    thread.start()
+    try:
+        yield ports.get(timeout=END_S)
+    finally:
+        over.set()
+        thread.join(END_S)
 
 
 async def fault(emulator: Emulator, name: str, **parameters: object) -> None:

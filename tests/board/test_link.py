@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import re
+import time
 
 import pytest
 from tests.board.linking import (
     END_S,
     emulated,
+    emulated_elsewhere,
     fault,
     link_to,
     on,
@@ -117,6 +119,18 @@ async def test_silence_is_unknown_and_the_board_is_known_again_when_it_speaks() 
         emulator.line.mute = False
         await until(lambda: link.snapshot.channels is not None)
         assert states == [LinkState.CONNECTED, LinkState.SILENT, LinkState.CONNECTED]
+
+
+async def test_a_service_that_is_held_up_itself_takes_no_board_for_silent() -> None:
+    states: list[LinkState] = []
+    with emulated_elsewhere() as port:
+        async with link_to(port, on_state=lambda s, _: states.append(s)) as link:
+            await until(lambda: link.snapshot.channels is not None)
+            for _ in range(5):
+                time.sleep(1.0)  # the loop is held for twice as long as a board may be silent
+                await asyncio.sleep(0.05)  # and gets a moment
+            assert states == [LinkState.CONNECTED]
+            assert link.snapshot.channels is not None
 
 
 async def test_a_lost_acknowledge_is_a_timeout_whose_outcome_the_measurements_show() -> None:

@@ -65,6 +65,7 @@ READ_SIZE = 1 << 16
 BACKLOG = 64  # snapshots kept for a reader that lags; then the oldest go
 MISSED = 3  # broadcasts missed in a row: the board is silent
 MISSED_MANY = 10  # … : the connection is dropped
+SLICES = 4  # in which it is waited for measurements
 LEAST_SILENCE_S = 0.5  # at high rates, a hiccup of either computer is not silence
 LEAST_DEAD_S = 2.0
 
@@ -310,17 +311,26 @@ class BoardLink:
         self._enter(LinkState.CONNECTED, "")
         self._ready.set()
         loop = asyncio.get_running_loop()
-        self._heard_at = loop.time()
+        self._heard_at, missed = loop.time(), 0
         while True:
             patience_s = self._dead_s if self.state is LinkState.SILENT else self._silence_s
+            before_s = self._heard_at
             try:
-                async with asyncio.timeout_at(self._heard_at + patience_s):
+                # It is waited for in parts: where this service was itself held up, only one of them is over
+                # at once, and what waits in the socket is read before the next.
+                async with asyncio.timeout(patience_s / SLICES):
                     await self._read(reader, session)
             except TimeoutError:
-                if self.state is LinkState.SILENT:
-                    raise BoardUnreachable(f"no measurements for {self._dead_s:g} s") from None
-                self._enter(LinkState.SILENT, f"no measurements for {self._silence_s:g} s")
-                self._publish(Snapshot(time.time_ns(), None, self.reason))
+                missed += 1
+            if self._heard_at > before_s:
+                missed = 0
+            if missed < SLICES:
+                continue
+            missed = 0
+            if self.state is LinkState.SILENT:
+                raise BoardUnreachable(f"no measurements for {self._dead_s:g} s") from None
+            self._enter(LinkState.SILENT, f"no measurements for {self._silence_s:g} s")
+            self._publish(Snapshot(time.time_ns(), None, self.reason))
 
     async def _read(self, reader: asyncio.StreamReader, session: Session) -> Answered | None:
         """Take what has come, at least one byte of it; return the answer if one was among it."""
