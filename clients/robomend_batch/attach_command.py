@@ -497,7 +497,7 @@ class _Attached:
         has said yes, and nothing before.
         """
         from robomend.cli.init.described import model_file
-        from robomend.model.answers import answers_of, asking
+        from robomend.model.answers import answers_of, asking, with_answers
         from robomend.model.from_graph import TIGHTER, first_model, tighter_question
 
         usual = usual_of(self.wanted.folder)
@@ -512,16 +512,16 @@ class _Attached:
             return self._asked_of if said.popitem()[1] == "yes" else {}
         if said or self._asked or longest_s < self._ask_at_s:
             return {}
-        self._ask_at_s = 2 * longest_s
-        self._asked = tighter_question(first_model(heard, self.wanted.name), usual)
-        self._asked_of = usual
-        if self._asked:
-            click.echo(f"asked on the page: {self._asked}")
-            text = asking(text, self._asked)
+        question = tighter_question(first_model(heard, self.wanted.name), usual)
+        if question:
+            stored = client.model(self.wanted.name)
+            text = asking(with_answers(text, answers_of(str(stored.value["source"]))), question)
+            client.put_model(self.wanted.name, text, version=str(stored.version))
             _replace(file, text)
             self._written[file.name] = text
-            stored = client.model(self.wanted.name)
-            client.put_model(self.wanted.name, text, version=str(stored.version))
+            self._asked, self._asked_of = question, usual
+            click.echo(f"asked on the page: {question}")
+        self._ask_at_s = 2 * longest_s
         return {}
 
     def _unchanged(self) -> bool:
