@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import resource
@@ -20,10 +21,14 @@ from tests.clients.running_agent import agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.clients.talker import watching
 
+from robomend.api.routers.moments import MomentBody
+from robomend_client.agent.config import MomentsConfig
 from robomend_client.agent.main import main
-from robomend_client.agent.moments import clean, last_lines
+from robomend_client.agent.moments import Moments, clean, last_lines
 from robomend_client.agent.ring import Ring, TopicDescription, write
-from robomend_client.observers import SECOND
+from robomend_client.clock import Clock
+from robomend_client.literals import fails
+from robomend_client.observers import SECOND, Change
 
 SAYS = """
 import sys, time
@@ -76,7 +81,7 @@ def test_a_topic_that_falls_silent_comes_with_its_last_message_and_its_rate(
 
 
 def test_time_that_nobody_looked_at_is_noted(service: ServiceDouble, tmp_path: Path) -> None:
-    """What was halted does not know what came meanwhile, and a recording does not say so."""
+    """What was halted does not know what came meanwhile."""
     moments = {"after_s": 0, "per_hour": 3600}
     with watching(tmp_path, service.url, topics={"scan": {}}, moments=moments) as (process, talker):
         talker.say("scan")
@@ -90,6 +95,29 @@ def test_time_that_nobody_looked_at_is_noted(service: ServiceDouble, tmp_path: P
         eventually(lambda: log.read_text().count("nobody looked") > before, "it has seen that")
         talker.hush("scan")
         eventually(lambda: any("nobody looked" in str(m["frame"]["notes"]) for m in complete(service)), "it")
+
+
+def test_a_moment_on_a_computer_that_is_starved_again_and_again_is_taken_by_the_service(
+    tmp_path: Path,
+) -> None:
+    """Whatever there is to be said of its frame and of its recording."""
+    config = MomentsConfig(after_s=0, record=True, memory_mb=0.1)
+    moments = Moments(config, "rover", "onboard", tmp_path, Clock(), [])
+    bad, now_ns = fails("ok", "scan"), time.time_ns()
+    heard = moments.ring.tap(lambda about: PLAIN)
+    for tick in range(50):
+        for topic in range(30):
+            heard(f"/image{topic}", now_ns - (50 - tick) * SECOND // 10, b"i" * 2000, None)
+    for number in range(200):
+        at_ns = now_ns - (200 - number) * SECOND // 10
+        moments.ring.lapse(at_ns, at_ns + SECOND // 20)
+        moments.ring.starved(at_ns + SECOND // 20, number % 2 == 0)
+    moments.changed([Change(now_ns, bad.atom, bad)])
+    asyncio.run(moments.close())
+    [file] = tmp_path.glob("*.json")
+    frame = MomentBody.model_validate_json(file.read_bytes()).frame
+    assert any("is starved" in note or "was starved" in note for note in frame.notes)
+    assert any("nobody looked" in note for note in frame.notes)
 
 
 def test_a_process_that_ends_comes_with_its_last_words_made_safe(

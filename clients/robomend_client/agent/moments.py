@@ -78,6 +78,9 @@ CONCERNED, OTHER = (2000, 40), (500, 5)
 FRAME = {"topics": 96 * 1024, "logs": 48 * 1024, "series": 64 * 1024}
 """Characters of each part of a frame."""
 
+MOST_NOTES = 20
+"""In a frame, of what is not in it and of when nobody looked; the service takes 50 in all."""
+
 LINE = 500
 FURTHEST_S = 1e9
 TAIL = 16 * 1024
@@ -280,7 +283,7 @@ class Moments:
             with contextlib.suppress(OSError):
                 new.unlink(missing_ok=True)
             return [clean(f"not recorded: {error}", LINE)]
-        return [clean(note, LINE) for note in made[:20]]
+        return [clean(note, LINE) for note in made[:MOST_NOTES]]
 
     async def _write(self, one: _OpenMoment, *, complete: bool, notes: Sequence[str] = ()) -> None:
         try:
@@ -326,18 +329,7 @@ class Moments:
     def _made(self, one: _OpenMoment, facts: _Facts, complete: bool, notes: Sequence[str]) -> bytes:
         """Return the frame, as it is sent."""
         frame = make_frame(one, facts, notes)
-        frame["notes"] += [
-            f"nobody looked for {(line['lapse'] - line['at']) / SECOND:.1f} s "
-            f"until {seconds(line['lapse'], one.at_ns):.1f} s"
-            for line in facts.looks
-            if "lapse" in line
-        ][-20:]
-        frame["notes"] += [
-            f"this computer was starved {'from' if line['starved'] else 'until'} "
-            f"{seconds(line['at'], one.at_ns):.1f} s: what came late then was not called bad"
-            for line in facts.looks
-            if "starved" in line
-        ][-20:]
+        frame["notes"] += [said for line in facts.looks if (said := _looked(line, one.at_ns))][-MOST_NOTES:]
         if self._missed:
             frame["notes"].append(f"no moment was kept of {self._missed} literals before this one")
             self._missed = 0 if complete else self._missed
@@ -512,7 +504,7 @@ def make_frame(one: _OpenMoment, facts: _Facts, notes: Sequence[str]) -> dict[st
         "logs": logs[:200],
         "processes": processes[:500],
         "nodes": {clean(name, 300): runs for name, runs in list(facts.nodes.items())[:2000]},
-        "notes": found[:20],
+        "notes": found[:MOST_NOTES],
     }
 
 
@@ -610,6 +602,18 @@ def clean(text: str, most: int) -> str:
     if not text.isprintable():
         text = "".join(one if one.isprintable() or one in "\n\t" else f"\\x{ord(one):02x}" for one in text)
     return text if len(text) <= most and not cut else text[: most - 1] + "…"
+
+
+def _looked(line: dict[str, Any], at_ns: int) -> str:
+    """Return what people are to know of a line of the ring; nothing: nothing."""
+    if "lapse" in line:
+        lapse_s = (line["lapse"] - line["at"]) / SECOND
+        return f"nobody looked for {lapse_s:.1f} s until {seconds(line['lapse'], at_ns):.1f} s"
+    if "starved" in line:
+        began = "from" if line["starved"] else "until"
+        said = f"this computer was starved {began} {seconds(line['at'], at_ns):.1f} s"
+        return f"{said}: what came late then was not called bad"
+    return ""
 
 
 def seconds(time_ns: int, at_ns: int) -> float:

@@ -145,7 +145,7 @@ class Ring(Looks):
         looks = self._looks
         looks.append(line)
         oldest_ns = line["at"] - self._before_ns if self._since_ns is None else self._since_ns
-        while looks[0]["at"] < oldest_ns or len(looks) > MOST_LOOKS:
+        while looks and (looks[0]["at"] < oldest_ns or len(looks) > MOST_LOOKS):
             _is_so(self._holds, looks.popleft())
 
     def looks(self, since_ns: int, until_ns: int) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ A recording has a bound; when it is full, it says so at its end and stays as it 
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,12 +29,12 @@ LOOKS = "/robomend/looks"
 """In a recording of messages (.mcap), the topic that has the lines that are no samples."""
 
 
-class Looks(Listener):
+class Looks(Listener, ABC):
     """Writes down all that a driver takes in beside samples: whether, and at what, anybody looked."""
 
+    @abstractmethod
     def write(self, line: dict[str, Any]) -> None:
         """Take down a line."""
-        raise NotImplementedError
 
     def lapse(self, now_ns: int, until_ns: int) -> None:
         self.write({"lapse": until_ns, "at": now_ns})
