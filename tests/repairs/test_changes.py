@@ -114,7 +114,10 @@ class Rover(Robot):
             if action is None:
                 continue
             text = f"{action['name']}({', '.join(action['parameters'])})"
-            await self.repairs.feedback(action["id"], code=0, message="begun")
+            try:
+                await self.repairs.feedback(action["id"], code=0, message="begun")
+            except StateConflict:  # taken back meanwhile
+                continue
             if self.holds:
                 await self.held.wait()
             code = 1 if text in self.deaf else 0

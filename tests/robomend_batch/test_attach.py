@@ -15,6 +15,7 @@ import xmlrpc.client
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from socketserver import ThreadingMixIn
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCServer
 
@@ -301,6 +302,12 @@ def test_what_the_agent_hears_for_long_makes_bounds_tighter_once_a_person_says_s
     assert "in 2 h since: longest 80 ms" in model
 
 
+class Others(ThreadingMixIn, SimpleXMLRPCServer):
+    """Nodes that answer the master and others; each connection in a thread: some are kept open."""
+
+    daemon_threads = True
+
+
 ODD = ("no", "1e3", "null", "a: b", "'q", "#c", "ünder", "- x")
 """Names that YAML takes for something else; a master takes any."""
 
@@ -311,7 +318,7 @@ def test_500_nodes_odd_names_what_is_broken_already_and_a_clock_that_jumps_are_n
     """What was broken already while it was listened to is asked."""
     kind = "std_msgs/String"
     clock = WrongClock(tmp_path)
-    with ros1_robot(tmp_path) as ros, SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as others:
+    with ros1_robot(tmp_path) as ros, Others(("127.0.0.1", 0), logRequests=False) as others:
         others.register_function(lambda caller: [1, "", os.getpid()], "getPid")
         threading.Thread(target=others.serve_forever, daemon=True).start()
         uri = f"http://127.0.0.1:{others.server_address[1]}/"

@@ -159,6 +159,7 @@ def test_parameters_are_set_on_the_server_or_by_dynamic_reconfigure_and_set_back
     )
     rate = SetRos1Parameter("set_rate", {"lidar": "/lidar"}, ParameterChange("rate", {"slow": "2.5"}))
     assert do(ros1, rate, "lidar", "slow") == ActionResult(OK, "rate of /lidar is 2.5 now; it was 10.0")
+    until(lambda: node.heard, "its line, which comes beside its answer")
     (asked,) = node.heard
     assert asked["value"]["config"]["doubles"] == [{"name": "rate", "value": 2.5}]
 
