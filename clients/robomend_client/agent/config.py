@@ -159,7 +159,7 @@ class MomentsConfig(NamedTuple):
     record: bool = False
     before_s: float = 30.0
     after_s: float = 10.0
-    memory_mb: float = 28.0
+    memory_mb: float = 24.0
     disk_mb: float = 256.0
     per_hour: float = 20.0
 
