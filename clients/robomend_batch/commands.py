@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import click
 
-from robomend.cli.lazy import LazyGroup, Table
+from robomend.cli.commands import LazyGroup, Table
 
 COMMANDS: Table = {
     "run": ("robomend_batch.run_command:command", "Diagnose logs into a folder of results."),

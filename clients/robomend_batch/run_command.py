@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robomend.cli.files import ExistingFile
-from robomend.cli.models import MODEL, load
-from robomend.cli.search_options import search_options
+from robomend.cli.models import MODEL, load, search_options
 from robomend_batch.found import find_logs
 from robomend_client.counts import counted
 

@@ -13,8 +13,7 @@ import click
 
 from robomend.cli.completion import PartName, components_option
 from robomend.cli.files import near_file
-from robomend.cli.models import MODEL, is_snapshot_file, load
-from robomend.cli.search_options import search_options
+from robomend.cli.models import MODEL, is_snapshot_file, load, search_options
 from robomend.diagnosis.engines import DEFAULT, ENGINES
 from robomend_client.counts import counted
 

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from robomend.cli.config import read_settings, settings_options
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
-from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
 from robomend_client.counts import counted
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from robomend.cli.settings_options import read_settings, settings_options
+from robomend.cli.config import read_settings, settings_options
 from robomend.errors import InputError
 
 if TYPE_CHECKING:

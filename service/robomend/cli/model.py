@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from robomend.cli.commands import LazyGroup, Table
 from robomend.cli.files import ExistingFile
-from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.models import MODEL, load
 from robomend_client.counts import counted
 

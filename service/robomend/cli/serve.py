@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.config import read_settings, settings_options
 from robomend.cli.files import ExistingFile
-from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import InputError
 from robomend.memory_limits import check_room, memory_unlimited, share_arenas
 

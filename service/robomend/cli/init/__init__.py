@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from robomend.cli.lazy import LazyGroup, Table
+from robomend.cli.commands import LazyGroup, Table
 
 COMMANDS: Table = {
     "model": ("robomend.cli.init.model:command", "A commented model, to be edited."),
