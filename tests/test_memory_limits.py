@@ -41,6 +41,15 @@ def test_what_fits_leaves_nothing_behind() -> None:
         check_room("a test", threads=1, megabytes=1 << 40)
 
 
+def test_a_thread_that_finds_no_memory_for_its_first_step_holds_up_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("_thread.start_new_thread", lambda *_: 1)  # as of one that fell before it began
+    monkeypatch.setattr("robomend.memory_limits.BEGUN_S", 0.1)
+    with pytest.raises(BackendError, match="no room for a test"):
+        check_room("a test", threads=2, megabytes=1)
+
+
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
 def test_a_command_for_which_there_is_no_room_shows_no_traceback(
     error: Exception, capsys: pytest.CaptureFixture[str]

@@ -9,6 +9,7 @@ counts. Where address space is bounded, all threads share two (mallopt(3), M_ARE
 
 from __future__ import annotations
 
+import _thread  # noqa: PLC2701  # documented; its name alone is private
 import contextlib
 import ctypes
 import mmap
@@ -19,6 +20,9 @@ import threading
 from robomend.errors import BackendError
 
 ARENAS = 2
+
+BEGUN_S = 10.0
+"""A thread that has not begun in so long, on a busy machine, too, found no memory."""
 
 _M_ARENA_MAX = -8
 """Of malloc.h."""
@@ -57,17 +61,26 @@ def check_room(what: str, threads: int, megabytes: int) -> None:
         BackendError: they do not fit.
     """
     enough = threading.Event()
-    begun: list[threading.Thread] = []
+    begun, ended = threading.Semaphore(0), threading.Semaphore(0)
+
+    def wait() -> None:
+        begun.release()
+        enough.wait()
+        ended.release()
+
+    there = 0
     try:
         for _ in range(threads):
-            thread = threading.Thread(target=enough.wait, daemon=True)
-            thread.start()
-            begun.append(thread)
+            # A Thread's start() waits for ever for one that found no memory for its first step.
+            _thread.start_new_thread(wait, ())
+            if not begun.acquire(timeout=BEGUN_S):
+                raise MemoryError
+            there += 1
         with mmap.mmap(-1, megabytes << 20):
             pass
     except (MemoryError, OSError, RuntimeError) as error:
         raise no_room(what) from error
     finally:
         enough.set()
-        for thread in begun:
-            thread.join()
+        for _ in range(there):
+            ended.acquire(timeout=BEGUN_S)
