@@ -28,9 +28,10 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
     def told() -> list[object]:
         page = service.run(service.runtime.store.read(events.after, 0))
         said = [event.data for event in page if event.data.get("what") == "health"]
-        return [(data["state"], data["unknown"]) for data in said]
+        return [(data["state"], data["unknown"], data.get("reported")) for data in said]
 
-    until(lambda: ("partly-unknown", ["ok(odom)"]) in told(), "the event of it")
+    until(lambda: ("partly-unknown", ["ok(odom)"], None) in told(), "the event of it")
+    assert told()[0] == ("unknown", ["ok(joy)", "ok(odom)"], False)  # before the first report
     service.api("POST", "/robots/r1/observations", json={"observations": ["not ok(odom)"]})
     assert robot() == ("unhealthy", [])
 

@@ -123,6 +123,11 @@ def test_a_robot_of_which_nothing_is_known_is_told() -> None:
     )
 
 
+def test_of_a_robot_that_was_just_set_up_nobody_is_told() -> None:
+    data = {"what": "health", "state": "unknown", "unknown": ["ok(odom)"], "reported": False}
+    assert notice_of(event(Kind.ROBOT, data)) is None
+
+
 @pytest.mark.parametrize(
     ("active", "title"), [(True, "the global stop was set"), (False, "the global stop was lifted")]
 )

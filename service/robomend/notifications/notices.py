@@ -188,7 +188,7 @@ def _of_drill(event: Event) -> Notice | None:
 
 def _of_robot(event: Event) -> Notice | None:
     data = event.data
-    if data.get("what") != "health" or data.get("state") != "unknown":
+    if data.get("what") != "health" or data.get("state") != "unknown" or data.get("reported") is False:
         return None
     silent = [str(atom) for atom in data.get("unknown") or ()]
     said = headline(Facts(HealthState.UNKNOWN, unknown=silent))

@@ -138,7 +138,13 @@ class HealthWatch:
         if len(self._told) > 2 * len(self._robots) + 16:  # of robots that are no longer in memory
             self._told = {name: told for name, told in self._told.items() if name in self._robots}
         if now[0] or before[0]:
-            data = {"what": "health", "state": str(how), "unknown": [str(atom) for atom in unknown]}
+            data: dict[str, Any] = {
+                "what": "health",
+                "state": str(how),
+                "unknown": [str(atom) for atom in unknown],
+            }
+            if not state.revision:  # nothing ever: it was just set up
+                data["reported"] = False
             self._background.begin(
                 self._store.write(partial(_tell, robot, data)), "event of what is not observed"
             )

@@ -183,6 +183,8 @@ def _robot(data: Mapping[str, Any]) -> str:
     what = data.get("what", "changed")
     if what == "health":
         unknown = data.get("unknown", ())
+        if data.get("reported") is False:
+            return "is unknown: nothing has been reported yet"
         return f"is {data.get('state')}" + (f": {some(unknown)}" if unknown else "")
     rest = {name: value for name, value in data.items() if name not in {"what", "etag"} and value}
     if rest.keys() == {"by"}:
