@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robomend.model.loading import load_text
 from robomend.planning.plan import action_title, action_titles, in_prose, power_note
-from robomend.repairs.headline import Facts, Fallback, Headline, headline
+from robomend.repairs.headline import Facts, Fallback, Headline, headline, of_repair
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState
 
@@ -159,6 +159,10 @@ def test_two_independent_faults_are_two_with_a_time_each() -> None:
             "Under way: start n (step 2 of 2).",
         ),
         (
+            repair(RepairState.RUNNING, step("start_node", "n", state="failed")),
+            "The actions are done; what is observed next shows whether they helped.",
+        ),
+        (
             repair(RepairState.WAITING, waiting_for=["ok(scan)"], probe={"atom": "ok(scan)"}),
             "A look is needed: is scan as it should be?",
         ),
@@ -187,6 +191,10 @@ def test_healthy_unknown_and_never_reported() -> None:
     done = repair(RepairState.REPAIRED, rounds=[{"plan": [step("power_up", "hokuyo")]}])
     assert said(health=healthy, repair=done)[1] == (
         "Nothing is to be done; repaired at 23:23:04: Power up hokuyo."
+    )
+    done["rounds"][0]["helped"] = False
+    assert said(health=healthy, repair=done)[1] == (
+        "Nothing is to be done; well again at 23:23:04; it is not seen that this helped: Power up hokuyo."
     )
     assert said(health=HealthState.UNKNOWN, since_ns=AT) == (
         "Nothing is heard of it since 23:23:04.",
@@ -309,3 +317,10 @@ def test_what_goes_off_with_a_device_or_stays_on_is_said(
 )
 def test_reasons_name_actions_as_people_say_them(reason: str, prose: str) -> None:
     assert in_prose(reason) == prose
+
+
+def test_a_repair_that_has_just_begun_does_not_say_that_nothing_explains_it() -> None:
+    begun = of_repair(repair(RepairState.WAITING)).text(NOW)
+    assert begun == "Something is wrong since 23:23:04. The repair waits for its turn."
+    ended = of_repair(repair(RepairState.ESCALATED, reason="no known repair")).text(NOW)
+    assert ended.startswith("Something is wrong, and no diagnosis explains it since 23:23:04. ")

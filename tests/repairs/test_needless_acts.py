@@ -18,7 +18,9 @@ from tests.repairs.robot import (
 )
 
 from robomend.api.runtime import Runtime
+from robomend.planning.choice import Choice
 from robomend.repairs.acts import MOST
+from robomend.repairs.live_repair import LiveRepair
 from robomend.store import attempts
 from robomend_client.actions import FAILED
 from robomend_client.readings import Symptom
@@ -82,6 +84,47 @@ async def test_what_a_start_finds_there_is_stopped_first(tmp_path: Path, symptom
         reason = repair["rounds"][0]["reason"]
         assert reason.startswith("start_node(mapping) answered 'runs already', but running(mapping) ")
     assert [one.helped for one in tried] == [True]  # the start was no attempt
+
+
+@dataclass
+class Cured(Robot):
+    """A restart of its lidar's driver is all that it needs."""
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        if (name, parameter) == ("start_node", "lidar_node"):
+            self.broken_topics.clear()
+
+
+async def test_what_slower_observers_explain_before_the_first_act_is_not_touched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The map is heard to fail first; that its input does is said between the choice and its first act."""
+    approved = LiveRepair.approved
+    late: list[str] = ["scan"]
+    async with service(tmp_path) as runtime, robot_on(runtime, Cured) as robot:
+
+        async def and_then_heard(repair: LiveRepair, choice: Choice) -> bool:
+            yes = await approved(repair, choice)
+            if late:
+                robot.broken_topics.add(late.pop())
+                await robot.settled()
+            return yes
+
+        monkeypatch.setattr(LiveRepair, "approved", and_then_heard)
+        await robot.settled()
+        robot.broken_topics.add("map")
+        await robot.report()
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
+    first = repair["rounds"][0]
+    assert (first["ending"], first["reason"]) == (
+        "mismatch",
+        "stop_node(mapping): lidar or lidar_node is blamed by now, and not mapping",
+    )
+    assert not first["helped"]
+    assert all(step.get("sent_ns") is None for step in first["plan"])
 
 
 @dataclass

@@ -232,6 +232,9 @@ class _Run:
                     step, StepTrigger.EFFECT_THERE, reason="its effect was already there"
                 )
                 return
+            nothing_yet = all(report.sent_ns is None for report in self._reporting.all)
+            if nothing_yet and (moot := await self._setting.moot()) is not None:
+                raise _Stop(Ending.MISMATCH, f"{step}: {moot}")
             sent_ns = CLOCK.now_ns()
             wanted = await self._act(step, timing)
             await self._await_effect(step, wanted, timing.effect_timeout_s, sent_ns)

@@ -191,6 +191,10 @@ async def _unknown(step: Step) -> str | None:
     return None
 
 
+async def _for_something() -> str | None:
+    return None
+
+
 @dataclass(frozen=True)
 class Setting:
     """Everything a plan's execution needs of the outside."""
@@ -215,6 +219,8 @@ class Setting:
     later: Callable[[Step], int] = lambda step: 0  # of steps that may begin now, the least comes first
     well: Callable[[Step], Awaitable[str | None]] = _unknown  # asked before a step acts on what is bad: None,
     # or by what evidence that is good by now, and not to be touched
+    moot: Callable[[], Awaitable[str | None]] = _for_something  # asked before the first act: None, or why the
+    # plan is for nothing by now, though what it was made for still fails
 
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""

@@ -89,6 +89,7 @@ class Facts:
     since_ns: int | None = None  # of the state, where no symptom says it
     fault: str = ""  # why there is no diagnosis
     reported: bool = True  # anything, ever
+    judged: bool = True  # a repair that has just begun has written no diagnosis yet
     policy: str = "approve"
     repair: Json | None = None  # the newest, as HTTP shows it
     functions: Sequence[Fallback] = ()  # those that do not work by their best variant
@@ -230,6 +231,7 @@ def of_repair(repair: Json) -> Headline:
         Facts(
             health=health,
             blamed=blamed,
+            judged=bool(blamed) or repair["finished_ns"] is not None,
             symptoms=() if newest is None else newest.get("symptoms") or (),
             since_ns=repair["created_ns" if health is HealthState.UNHEALTHY else "finished_ns"],
             policy=repair.get("policy") or "approve",
@@ -269,7 +271,8 @@ def _what(of: Facts) -> tuple[Told, int | None]:
             return missing, of.since_ns
     faults = list(_faults(of))
     if not faults:
-        return ("Something is wrong, and no diagnosis explains it", *_since(of.since_ns)), of.since_ns
+        why = ", and no diagnosis explains it" if of.judged else ""
+        return (f"Something is wrong{why}", *_since(of.since_ns)), of.since_ns
     heads = {symptom["literal"] for _, symptom in faults if symptom is not None}
     shown = faults[:MANY]
     words: list[str | int] = []
@@ -416,6 +419,8 @@ def question(atom: str) -> str:
 
 # --- what happens next
 
+DONE = "The actions are done; what is observed next shows whether they helped."
+
 
 def _then(of: Facts) -> tuple[Told, bool, str | None]:
     """Return what happens next, whether a person is needed, and the repair that waits for a yes."""
@@ -467,7 +472,11 @@ def _given_up(repair: Json) -> Told:
 def _mended(repair: Json | None) -> Told:
     if repair is None or repair["state"] != RepairState.REPAIRED or not repair.get("rounds"):
         return ("Nothing is to be done.",)
-    acts = _titles(repair["rounds"][-1]["plan"])
+    last = repair["rounds"][-1]
+    acts = _titles(last["plan"])
+    if acts and last.get("helped") is False:  # it came back late, or by itself: nobody knows which act did it
+        what = f"; it is not seen that this helped: {acts}."
+        return ("Nothing is to be done; well again at ", repair["finished_ns"], what)
     done = f": {acts}" if acts else ""
     return ("Nothing is to be done; repaired at ", repair["finished_ns"], f"{done}.")
 
@@ -495,12 +504,14 @@ def _of_open(repair: Json) -> tuple[Told, bool, str | None]:
     if state == RepairState.RUNNING:
         running = [step for step in plan if step["state"] == StepState.RUNNING]
         running = running or [step for step in plan if step["state"] == StepState.WAITING][:1]
+        if not running:
+            return (DONE,), False, None
         done = sum(step["state"] in {StepState.DONE, StepState.ALREADY} for step in plan)
         at = f" (step {min(done + 1, len(plan))} of {len(plan)})" if len(plan) > 1 else ""
-        acts = _titles(running) or "its repair"
+        acts = _titles(running)
         return (f"Under way: {acts[0].lower()}{acts[1:]}{at}.",), False, None
     if state == RepairState.VERIFYING:
-        return ("The actions are done; what is observed next shows whether they helped.",), False, None
+        return (DONE,), False, None
     return (f"{str(state).capitalize()}.",), False, None
 
 

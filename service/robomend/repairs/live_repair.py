@@ -23,7 +23,7 @@ from robomend.planning.prediction import Prediction, theory_of
 from robomend.repairs.acts import Acts
 from robomend.repairs.calm import Calm, bad_sets
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import NAMED, Silent
+from robomend.repairs.conclusions import NAMED, Silent, named
 from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
@@ -309,6 +309,7 @@ class LiveRepair:
             report=report,
             later=self._later,
             well=self._well,
+            moot=self._moot,
         )
 
     def _doubt(self) -> None:
@@ -353,6 +354,25 @@ class LiveRepair:
         except Halted:  # which ends the execution itself
             return None
         return f"{', '.join(map(str, seen[:NAMED]))} by now: {', '.join(sorted(bad))} is not touched"
+
+    async def _moot(self) -> str | None:
+        """Return why nothing of the plan is to be done: what it was made for still fails, and by what is
+        known since, something else is to blame. A busy computer takes a second from a choice to its first
+        act, and slower observers speak meanwhile.
+        """
+        parts, bad = self._state.system.parts, self._judged
+        if parts is None or not bad or self._record.data.get("wanted"):
+            return None
+        sight = self._state.sight
+        topics = [Atom("ok", (topic,)) for topic in sorted(published(parts, bad))]
+        values = [sight.value(atom) for atom in topics if sight.reported(atom)]
+        if None in values or False not in values:  # nothing is known of it, or it is well
+            return None
+        result = await self._newest()
+        if not result.diagnoses or not stands_no_more(tuple(bad), result):
+            return None
+        blamed = " or ".join(named(each.bad) for each in result.diagnoses[:NAMED])
+        return f"{blamed} is blamed by now, and not {named(sorted(bad))}"
 
     async def _look_at_power(self, step: Step) -> None:
         """Before power is switched on: it may be on again, and the board is about to say so."""
