@@ -117,6 +117,7 @@ class GeneralObserver:
         if not self._usual_ns:
             self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
         self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
+        self._silence_began_ns = 0  # of that: the last message before it
         self._known_bad = False
         self._onset_ns: int | None = None  # the newest message at which the rate was right
 
@@ -145,7 +146,7 @@ class GeneralObserver:
         self._usual_ns = self._silence_ns
         if time_ns >= due_ns:
             self._onset_ns = self._last_good_ns()
-            self._silence_end_ns = time_ns
+            self._silence_end_ns, self._silence_began_ns = time_ns, self._last_heard_ns()
             self._clear()
         elif gap_ns < -self._back_ns and not first:
             self.reset(time_ns)
@@ -218,10 +219,12 @@ class GeneralObserver:
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         if now_ns - self._newest_ns >= self._silence_ns and now_ns >= self.due_ns():
-            return Evidence(now_ns - self._silence_ns, self._last_good_ns(), self._silent(now_ns))
+            nobody = "" if self._publishers is None or self._publishers else "nobody publishes it"
+            silent = self._silent(now_ns, self._last_heard_ns(), nobody)
+            return Evidence(now_ns - self._silence_ns, self._last_good_ns(), silent)
         right = self._right()
         if right is None and self._silence_end_ns is not None:
-            silent = self._silent(self._silence_end_ns)
+            silent = self._silent(self._silence_end_ns, self._silence_began_ns, "then heard again")
             return Evidence(self._silence_end_ns - self._silence_ns, self._onset_ns, silent)
         intervals = min(len(self._times), self._size) - 1
         counted = tuple(self._counted)
@@ -233,11 +236,12 @@ class GeneralObserver:
         """These nodes publish the topic, as far as the graph shows: said in the reading of a bad verdict."""
         self._publishers = tuple(nodes)
 
-    def _silent(self, now_ns: int) -> Reading:
-        heard_ns = self._heard_ns if self._heard_ns is not None else self._start_ns or 0
-        told = f"0 of {self.expected.rate_hz:g} Hz for {max(0, now_ns - heard_ns) / SECOND:.3g} s"
-        nobody = "" if self._publishers is None or self._publishers else "nobody publishes it"
-        return Reading(told, "", nobody, Symptom.SILENT)
+    def _last_heard_ns(self) -> int:
+        return self._heard_ns if self._heard_ns is not None else self._start_ns or 0
+
+    def _silent(self, until_ns: int, began_ns: int, more: str) -> Reading:
+        told = f"0 of {self.expected.rate_hz:g} Hz for {max(0, until_ns - began_ns) / SECOND:.3g} s"
+        return Reading(told, "", more, Symptom.SILENT)
 
     def _measured(self, right: bool) -> Reading:
         """Return the rate, and on which side of its band it is."""

@@ -78,6 +78,8 @@ def test_a_silence_says_for_how_long_and_goes_on_over_a_reset() -> None:
     driver.settle(1, [SCAN])
     driver.advance(ns(9))
     assert told(driver) == {"not ok(scan)": ("0 of 10 Hz for 7 s", Symptom.SILENT)}
+    beat(driver, "scan", 9.5, 3)  # too few to say how fast it is
+    assert told(driver) == {"not ok(scan)": ("0 of 10 Hz for 7.5 s, then heard again", Symptom.SILENT)}
 
 
 def test_a_second_publisher_is_the_first_suspect_of_a_rate_that_is_too_fast() -> None:
