@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -49,6 +50,9 @@ FIND_LOOK_S = 0.1
 
 HEARD_S = 1.0
 """So long after a robot's first node was seen, what is latched has come, and listening begins."""
+
+SHORT_S = 10.0
+"""From recordings of less than that hardly a rate is told."""
 
 SERVICE_S = 120.0
 SHOW_S = 0.5
@@ -188,9 +192,13 @@ def command(
     if detach:
         detached.check()
     if bags:
-        _write(wanted, heard_of_bags(bags).within(namespace), _url(wanted))
-        files = f"-m {folder / model_file(robot)} --observers {folder / 'agent.yaml'}"
-        click.echo(f"next: robomend-batch run LOGS {files}")
+        heard = heard_of_bags(bags)
+        if heard.seconds < SHORT_S:
+            short = f"{heard.seconds:.2g} s are recorded, too little for most rates"
+            click.echo(f"note: {short}: give logs of a minute or more", err=True)
+        _write(wanted, heard.within(namespace), _url(wanted))
+        files = f"-m {quote(str(folder / model_file(robot)))} --observers {quote(str(folder / 'agent.yaml'))}"
+        click.echo(f"next, over the logs that you doubt: robomend-batch run LOGS {files} -o found")
         return 0
     with Interrupts() as interrupts, _alone(folder):
         attached = _Attached(wanted, interrupts)

@@ -28,6 +28,8 @@ from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
 from tests.node_process import NodeProcess
+from tests.robomend_batch.recordings import steady, write
+from tests.robomend_batch.running import batch_run, logs
 from tests.robomend_demo.playing import children
 from tests.ros1 import Robot as Ros1Robot
 from tests.ros1 import robot as ros1_robot
@@ -484,6 +486,58 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     assert {file: file.read_text() for file in folder.glob("*.yaml")} == before
     assert run(["attach", "--update", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
+
+
+@pytest.mark.parametrize("ending", [".bag", ".mcap", ".db3"])
+def test_a_draft_of_recordings_claims_only_what_was_recorded(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No node that nobody named is watched, none is said to log no errors, no rate is of a moment."""
+    log = write(tmp_path / f"good{ending}", [*steady("odom", 20, 30), *steady("scan", 1e5, 0.001)])
+    assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    said = capsys.readouterr()
+    files = (tmp_path / "rover" / f"{one}.yaml" for one in ("rover", "agent", "robot"))
+    model, agent, robot = (file.read_text() for file in files)
+    assert "kind: rosout" not in agent
+    assert "scan: {rate_hz" not in model
+    assert "100 messages within 0.99 ms" in model
+    assert "which node publishes odom?" in model
+    assert "publisher_of" not in agent.partition("# processes:")[0]
+    assert "publisher_of" not in robot
+    assert "s are recorded, too little" not in said.err
+    given = log, "--observers", tmp_path / "rover" / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
+    assert "faulty" not in logs(tmp_path / "out")[0]["span_ns"]
+
+
+def test_a_node_that_logged_errors_in_a_recording_is_asked_about(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    log, text = types["rosgraph_msgs/msg/Log"], types["std_msgs/msg/String"]
+    with Writer(tmp_path / "good.bag") as bag:
+
+        def connection(topic: str, kind: str, node: str) -> Any:
+            return bag.add_connection(topic, kind, typestore=store, callerid=node)
+
+        nodes = {
+            name: connection(f"/{name}_data", text.__msgtype__, f"/{name}") for name in ("lidar", "camera")
+        }
+        rosout = connection("/rosout", log.__msgtype__, "/lidar")
+        for number in range(300):
+            for one in nodes.values():
+                bag.write(one, number * 10**8, store.serialize_ros1(text(data="x"), text.__msgtype__))
+            if number == 100:
+                zero = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+                stamp = types["std_msgs/msg/Header"](seq=0, stamp=zero, frame_id="")
+                line = log(
+                    header=stamp, level=8, name="/lidar", msg="no", file="", function="", line=0, topics=[]
+                )
+                bag.write(rosout, number * 10**8, store.serialize_ros1(line, log.__msgtype__))
+    assert run(["attach", "--bag", str(tmp_path / "good.bag"), str(tmp_path / "rover")]) == 0
+    assert "lidar logged 1 error: was it well?" in (tmp_path / "rover" / "rover.yaml").read_text()
+    agent = (tmp_path / "rover" / "agent.yaml").read_text()
+    assert "rosout_camera: {kind: rosout" in agent
+    assert "rosout_lidar" not in agent
 
 
 def test_devices_are_proposed_and_none_of_them_counts_before_somebody_says_so(tmp_path: Path) -> None:

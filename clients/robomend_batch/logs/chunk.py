@@ -111,6 +111,8 @@ class Chunked(ABC):
             parts: in the order of the file, with the bounds that the index gives them.
             doubtful: those whose bounds nothing vouches for.
         """
+        if not parts:
+            return
         starts = np.array([part.start_ns for part in parts], dtype=np.int64)
         ends = np.array([part.end_ns for part in parts], dtype=np.int64)
         spans = ends - starts

@@ -164,8 +164,9 @@ def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
         for topic, steady in first.watched.items():
             yield f"  # {comment(steady.why)}"
             yield f"  {word(topic)}: {{{_rate_keys(steady)}}}"
-    yield "observers:"
-    if said.origin:
+    if said.origin or first.statuses or first.signs:
+        yield "observers:"
+    if first.nodes and said.origin:
         names = ", ".join(map(word, first.nodes))
         of_ros = "ros1" if origin == "ros1" else "ros2"
         yield f"  nodes: {{kind: node, from: {origin}, preset: {of_ros}, nodes: [{names}]}}"
