@@ -510,6 +510,33 @@ def test_a_draft_of_recordings_claims_only_what_was_recorded(
     assert "faulty" not in logs(tmp_path / "out")[0]["span_ns"]
 
 
+@pytest.mark.parametrize("name", ["true", "null", "0x1F", "12", "1e3", "on", "3.0", "2026-11-29"])
+def test_names_that_yaml_dislikes_are_names(name: str, tmp_path: Path) -> None:
+    recording(tmp_path / "good.bag", 10)
+    given = ["attach", "--bag", str(tmp_path / "good.bag"), f"--name={name}", str(tmp_path / "rover")]
+    assert run(given) == 0
+    for file, key in (("agent", "robot"), ("robot", "model"), (name, "name")):
+        assert yaml.safe_load((tmp_path / "rover" / f"{file}.yaml").read_text())[key] == name
+    assert run(given) == 0
+
+
+def test_a_folder_of_recordings_is_read_and_one_of_moments_gives_nothing_to_watch(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "good").mkdir()
+    recording(tmp_path / "good" / "a.bag", 10)
+    recording(tmp_path / "good" / "b.bag", 10)
+    assert run(["attach", "--bag", str(tmp_path / "good"), str(tmp_path / "rover")]) == 0
+    assert "scan: {rate_hz: 10" in (tmp_path / "rover" / "agent.yaml").read_text()
+    assert "next, over the logs that you doubt: robomend-batch run" in capsys.readouterr().out
+    write(tmp_path / "short.bag", steady("scan", 1e5, 0.001))
+    assert run(["attach", "--bag", str(tmp_path / "short.bag"), str(tmp_path / "other")]) == 0
+    said = capsys.readouterr()
+    assert "0.00099 s are recorded, too little for most rates" in said.err
+    assert "nothing in the recordings can be watched: give longer ones" in said.err
+    assert "next" not in said.out
+
+
 def test_a_node_that_logged_errors_in_a_recording_is_asked_about(tmp_path: Path) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     types = store.types
@@ -617,6 +644,18 @@ def test_what_cannot_be_is_said(
     if "no robot was" in why:
         assert "ROS_HOSTNAME=127.0.0.1" in told
     assert not list(tmp_path.glob("*/*.yaml"))
+
+
+def test_an_agents_file_that_is_no_text_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "agent.yaml").write_bytes(b"\xa9\xff")
+    assert run(["attach", "--name", "rover", str(tmp_path)]) == 2
+    assert "agent.yaml is no text (UTF-8): move it away" in capsys.readouterr().err
+    (tmp_path / "agent.yaml").unlink()
+    (tmp_path / "agent.yaml").mkdir()
+    assert run(["attach", "--name", "rover", str(tmp_path)]) == 2
+    assert "agent.yaml cannot be read: Is a directory" in capsys.readouterr().err
 
 
 def test_another_robots_folder_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

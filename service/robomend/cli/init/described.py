@@ -122,7 +122,7 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     """
     lines = [
         "# The robot's side: robomend-agent agent.yaml (--check: what it means). Every key: docs/agent.md.",
-        f"robot: {said.robot}",
+        f"robot: {word(said.robot)}",
         f"service: {{url: {json.dumps(said.url)}, key_env: ROBOMEND_KEY}}",
     ]
     if said.bus is not None:
@@ -210,7 +210,7 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     heard = said.heard is not None and said.heard.seconds > 0
     lines = [
         f"# For robomend robot put {said.robot} robot.yaml --model {model_file(said.robot)}: docs/http.md.",
-        f"model: {said.robot}",
+        f"model: {word(said.robot)}",
         f"policy: {said.policy}               # observe: never act; approve: a person says yes; auto",
     ]
     if heard and first is not None:
