@@ -102,6 +102,9 @@ MANY_INPUTS = 4
 ALIKE, LEAST_PAIRS = 0.5, 30
 """Correlation of intervals from which on one topic is seen to follow another."""
 
+MOST_OPEN = 5
+"""Remarks that are said where there is no model to write them into."""
+
 MOST_LOGS = 100
 """Nodes whose logs are watched: each line is looked at for each of them."""
 
@@ -336,7 +339,8 @@ class _Draft:
         if not self.nodes:
             tools = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
             beside = f", only tools or what had ended: {tools}" if tools else ""
-            raise InputError(f"{heard.source}: there is no node of the robot's own{beside}")
+            open_ = "".join(f"; {remark}" for remark in heard.remarks[:MOST_OPEN])
+            raise InputError(f"{heard.source}: there is no node of the robot's own{beside}{open_}")
         self.named = [node for node in self.nodes if node not in heard.unnamed]
         self.topics = self._topics(gone)
         found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}

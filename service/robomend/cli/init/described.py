@@ -164,7 +164,7 @@ def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
         for topic, steady in first.watched.items():
             yield f"  # {comment(steady.why)}"
             yield f"  {word(topic)}: {{{_rate_keys(steady)}}}"
-    if said.origin or first.statuses or first.signs:
+    if (said.origin and first.nodes) or first.statuses or first.signs:
         yield "observers:"
     if first.nodes and said.origin:
         names = ", ".join(map(word, first.nodes))
