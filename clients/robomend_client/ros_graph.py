@@ -82,6 +82,7 @@ class HeardTopic:
     longest_s: float = 0.0  # between two messages
     stamps: tuple[int, ...] = ()  # of the newest messages
     latched: bool = False  # its publishers keep the last message for those who come later
+    wait_s: float = 0.0  # from the beginning of a recording to its first message there, at most
 
     @property
     def span_s(self) -> float:

@@ -537,6 +537,15 @@ def test_a_folder_of_recordings_is_read_and_one_of_moments_gives_nothing_to_watc
     assert "next" not in said.out
 
 
+@pytest.mark.parametrize("late_s", [2.0, 8.0])
+def test_a_topic_that_begins_late_is_no_fault_of_its_own_recording(late_s: float, tmp_path: Path) -> None:
+    log = write(tmp_path / "good.bag", [*steady("odom", 20, 40), *steady("scan", 10, 40, start_s=late_s)])
+    assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    given = log, "--observers", tmp_path / "rover" / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
+    assert set(logs(tmp_path / "out")[0]["span_ns"]) == {"healthy", "unknown"}
+
+
 def test_a_node_that_logged_errors_in_a_recording_is_asked_about(tmp_path: Path) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     types = store.types

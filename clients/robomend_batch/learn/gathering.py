@@ -207,7 +207,7 @@ def heard_of(found: Gathered) -> Heard:
         for log, ahead_ns in enumerate(begins):
             for time_ns in topic.of_log(log).tolist():
                 ear.message(time_ns + ahead_ns)
-        topics[f"/{name}"] = ear.heard()
+        topics[f"/{name}"] = replace(ear.heard(), wait_s=first_s(found, name))
         named = topic.publishers or {UNNAMED + name}
         unnamed |= named - topic.publishers
         publishers[f"/{name}"] = frozenset(map(lasting_name, named))
@@ -239,6 +239,16 @@ def heard_of(found: Gathered) -> Heard:
         unnamed=frozenset(unnamed),
         origin={origin: {}},
     )
+
+
+def first_s(found: Gathered, topic: str) -> float:
+    """Return how long after the beginning of a log its first message came, at most."""
+    firsts = [
+        (times[0] - start_ns) / SECOND
+        for log, (start_ns, _) in enumerate(found.spans_ns)
+        if len(times := found.topics[topic].of_log(log))
+    ]
+    return float(max(firsts, default=0.0))
 
 
 @contextmanager

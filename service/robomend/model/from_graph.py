@@ -75,6 +75,9 @@ LEAST_SPAN_S = 1.0
 QUIET_S, QUIET_INTERVALS = 3.0, 10
 """What did not come for so long at the end of the listening had stopped."""
 
+LATE_S = 1.0
+"""What begins later in a recording was seen to take its time, and may take twice of it."""
+
 SLOWER, FASTER = 0.4, 0.6
 """Of the rate: how far it may stray."""
 
@@ -151,6 +154,7 @@ class SteadyTopic:
     silence_s: float
     pause_s: float | None
     why: str  # what the numbers rest on
+    first_s: float | None = None  # so long it may take to begin, where that was seen
 
 
 @dataclass(frozen=True)
@@ -224,7 +228,8 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
         max(1, min(window - 1, int(VERDICT_S * rate_hz))),
         silence_s,
         pause_s if pause_s < silence_s else None,
-        why,
+        why + (f"; began after {heard.wait_s:.3g} s at most" if heard.wait_s > LATE_S else ""),
+        2 * heard.wait_s if heard.wait_s > LATE_S else None,
     )
 
 

@@ -202,6 +202,8 @@ def _rate_keys(steady: SteadyTopic) -> str:
     }
     if steady.pause_s is not None:
         keys["pause_s"] = float(f"{steady.pause_s * 1.005:.3g}")
+    if steady.first_s is not None:
+        keys["first_s"] = float(f"{steady.first_s * 1.005:.3g}")
     return ", ".join(f"{key}: {value:g}" for key, value in keys.items())
 
 
