@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -49,6 +50,9 @@ FIND_LOOK_S = 0.1
 
 HEARD_S = 1.0
 """So long after a robot's first node was seen, what is latched has come, and listening begins."""
+
+SHORT_S = 10.0
+"""From recordings of less than that hardly a rate is told."""
 
 SERVICE_S = 120.0
 SHOW_S = 0.5
@@ -116,7 +120,7 @@ class Wanted:
     "bags",
     multiple=True,
     type=click.Path(path_type=Path, exists=True),
-    help="Healthy recordings instead (.bag, .mcap, .db3); repeatable. Files are written, nothing is started.",
+    help="Healthy recordings instead (.bag, .mcap, .db3, folders); repeatable. Nothing is started.",
 )
 @click.option(
     "--seconds",
@@ -188,9 +192,16 @@ def command(
     if detach:
         detached.check()
     if bags:
-        _write(wanted, heard_of_bags(bags).within(namespace), _url(wanted))
-        files = f"-m {folder / model_file(robot)} --observers {folder / 'agent.yaml'}"
-        click.echo(f"next: robomend-batch run LOGS {files}")
+        heard = heard_of_bags(bags)
+        if heard.seconds < SHORT_S:
+            short = f"{heard.seconds:.2g} s are recorded, too little for most rates"
+            click.echo(f"note: {short}: give logs of a minute or more", err=True)
+        _write(wanted, heard.within(namespace), _url(wanted))
+        files = f"-m {quote(str(folder / model_file(robot)))} --observers {quote(str(folder / 'agent.yaml'))}"
+        if not re.search("^(topics|observers):", (folder / "agent.yaml").read_text("utf-8"), re.MULTILINE):
+            click.echo("note: nothing in the recordings can be watched: give longer ones", err=True)
+            return 0
+        click.echo(f"next, over the logs that you doubt: robomend-batch run LOGS {files} -o found")
         return 0
     with Interrupts() as interrupts, _alone(folder):
         attached = _Attached(wanted, interrupts)
@@ -667,9 +678,13 @@ def heard_of_bags(bags: tuple[Path, ...]) -> Heard:
     Raises:
         InputError: none of them can be read.
     """
+    from robomend_batch.found import find_logs
     from robomend_batch.learn.gathering import gather, heard_of
 
-    found = gather([str(bag) for bag in bags], lambda log: click.echo(f"read: {log}", err=True))
+    names, problems = find_logs(map(str, bags))
+    for place, reason in problems:
+        click.echo(f"note: {place}: {reason}", err=True)
+    found = gather(names, lambda log: click.echo(f"read: {log}", err=True))
     for problem in found.problems.json():
         click.echo(
             f"{'bad' if problem['bad'] else 'note'}: {problem['place']}: {problem['reason']}", err=True
@@ -741,7 +756,11 @@ def _said(folder: Path, key: str) -> str | None:
 
     try:
         tree = read_tree(file.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, YamlError) as error:
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is no text (UTF-8): move it away") from error
+    except YamlError as error:
         raise InputError(f"{file}: {error}") from error
     found = tree.items.get(key) if isinstance(tree, Tree) else None
     return found.text if isinstance(found, Scalar) else None
@@ -810,7 +829,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     said = Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus, policy="observe")
     texts = files_of(said)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
-    written, others = {}, False
+    written, others, path = {}, False, wanted.folder
     try:
         for name, text in texts.items():
             path = wanted.folder / name
@@ -836,7 +855,7 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
             if not quietly:
                 click.echo(f"wrote {path}", err=True)
     except OSError as error:
-        raise InputError(f"{error.filename} cannot be written: {error.strerror}") from error
+        raise InputError(f"{error.filename or path} cannot be written: {error.strerror}") from error
     return {} if others else written
 
 

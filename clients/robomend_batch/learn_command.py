@@ -135,6 +135,8 @@ def _tell(learned: Learned, out: Path | None, quiet: bool) -> None:
         click.echo(
             f"contradicted: {name}: {counted(count, 'false alarm')} in logs of a healthy robot", err=True
         )
+    if not learned.entries.names:
+        click.echo("note: nothing in the logs can be watched: give longer ones", err=True)
     if quiet:
         return
     where = "" if out is None else f"; draft in {out}"

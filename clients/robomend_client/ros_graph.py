@@ -82,6 +82,7 @@ class HeardTopic:
     longest_s: float = 0.0  # between two messages
     stamps: tuple[int, ...] = ()  # of the newest messages
     latched: bool = False  # its publishers keep the last message for those who come later
+    wait_s: float = 0.0  # from the beginning of a recording to its first message there, at most
 
     @property
     def span_s(self) -> float:
@@ -173,7 +174,9 @@ class Heard:
     statuses: Mapping[str, HeardStatus] = field(default_factory=dict)
     actions: Mapping[str, str] = field(default_factory=dict)  # name -> the node that serves it
     lifecycle: Mapping[str, str] = field(default_factory=dict)  # node -> its state as it was said last, or ""
-    errors: Mapping[str, int] = field(default_factory=dict)  # node -> lines of its log from ERROR on
+    errors: Mapping[str, int] | None = field(
+        default_factory=dict
+    )  # node -> lines from ERROR on; None: no logs
     moving: Mapping[str, str] = field(default_factory=dict)  # topic -> a field that was never twice the same
     gone: frozenset[str] = frozenset()  # nodes that ended meanwhile, or do not run although they are listed
     since_ns: Mapping[str, int] = field(default_factory=dict)  # node -> when it was seen first
@@ -184,6 +187,7 @@ class Heard:
     launched: Mapping[str, str] = field(
         default_factory=dict
     )  # nodes of launch files -> what they say of each
+    unnamed: frozenset[str] = frozenset()  # nodes that stand for publishers of which nobody knows the name
 
     def within(self, namespace: str) -> Heard:
         """Return what was heard of the nodes in a namespace."""
@@ -191,7 +195,8 @@ class Heard:
 
         def table(found: Table) -> Table:
             kept = {
-                name: frozenset(n for n in nodes if n.startswith(inside)) for name, nodes in found.items()
+                name: frozenset(n for n in nodes if (name if n in self.unnamed else n).startswith(inside))
+                for name, nodes in found.items()
             }
             return {name: nodes for name, nodes in kept.items() if nodes}
 

@@ -99,3 +99,17 @@ def test_a_launch_file_without_a_node_of_the_robot_is_refused(
     file.write_text(text)
     assert run(["model", "from-ros", "--launch", str(file)]) == 2
     assert re.search(said, capsys.readouterr().err)
+
+
+def test_a_launch_file_of_tools_and_others_packages_says_what_it_includes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    launch = tmp_path / "navigation.launch"
+    launch.write_text(
+        '<launch><include file="$(find others)/launch/bringup.launch"/>'
+        '<node pkg="rviz" type="rviz" name="rviz"/></launch>'
+    )
+    assert run(["model", "from-ros", "--launch", str(launch)]) == 2
+    said = capsys.readouterr().err
+    assert "only tools or what had ended: /rviz; " in said
+    assert "what does `$(find others)/launch/bringup.launch` start, which it includes?" in said

@@ -168,6 +168,7 @@ def test_the_silence_of_what_was_silent_blames_nobody_and_that_of_another_its_no
         (came(0.5), 0.5),
         (came(10, seconds=0), "silent"),
         (came(3, seconds=1), "3 messages"),
+        (came(1e8, seconds=2e-6, first_s=60), "200 messages within 0.00199 ms"),
         (came(10, seconds=30), "300 messages, and then silent for 30.1 s"),
         (Ear([0, 0, 0, 0, 0, 0]).heard(), "its messages come several at once"),
     ],
@@ -281,6 +282,44 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     assert "'not ab(imu) -> ok(changing_imu_data)'" in made.text
     load_text(made.text)
     files_of(Described("rover", heard=found, origin=found.origin))
+
+
+def test_where_no_log_was_heard_nobody_is_said_to_log_no_errors() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {"/imu": (["/imu/data"], [])}
+    found = heard({"/imu/data": came(50)}, nodes, errors=None, origin={"ros1": {}})
+    assert first_model(found, "rover").signs == {}
+
+
+def test_a_publisher_whose_name_nobody_knows_is_asked_for_and_not_watched() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {"/imu": (["/imu/data"], []), "/of_scan": (["/scan"], [])}
+    found = heard(
+        {"/imu/data": came(50), "/scan": came(10)},
+        nodes,
+        unnamed=frozenset({"/of_scan"}),
+        origin={"ros2": {}},
+    )
+    made = first_model(found, "rover")
+    assert made.nodes == ("imu",)
+    assert "which node publishes scan?" in made.asked
+    assert "which device does of_scan drive, if any?" not in made.asked
+    assert {keys.get("node") for keys in made.signs.values()} == {"imu"}
+    model = load_text(made.text)
+    found_bad = make_engine("sat", model.cnf).diagnose([fails("ok", "scan")]).diagnoses
+    assert [set(one.bad) for one in found_bad] == [{"of_scan"}]
+    files = files_of(Described("rover", heard=found, origin=found.origin))
+    assert "of_scan" not in files["agent.yaml"]
+    assert "of_scan" not in files["robot.yaml"]
+    assert "of_scan" in first_model(found.within("/"), "rover").text
+
+
+def test_in_a_namespace_a_publisher_without_a_name_is_where_its_topic_is() -> None:
+    unnamed = frozenset({"/of_scan", "/of_map"})
+    topics: dict[str, tuple[list[str], list[str]]] = {
+        "/of_scan": (["/r1/scan"], []),
+        "/of_map": (["/map"], []),
+    }
+    found = heard({"/r1/scan": came(10), "/map": came(1)}, topics, unnamed=unnamed).within("/r1")
+    assert set(found.graph.publishers) == {"/r1/scan"}
 
 
 def test_what_a_lifecycle_manager_takes_down_is_explained_by_the_one_that_failed() -> None:

@@ -28,6 +28,8 @@ from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
 from tests.node_process import NodeProcess
+from tests.robomend_batch.recordings import steady, write
+from tests.robomend_batch.running import batch_run, logs
 from tests.robomend_demo.playing import children
 from tests.ros1 import Robot as Ros1Robot
 from tests.ros1 import robot as ros1_robot
@@ -348,7 +350,7 @@ def test_500_nodes_odd_names_what_is_broken_already_and_a_clock_that_jumps_are_n
     parts = load_text(text).parts
     assert parts is not None
     assert {"lidar_driver", "camera", "node499", "no", "1e3"} <= set(parts.nodes)
-    assert re.search(r"#   camera logged \d+ errors: was it well\?", text)
+    assert re.search(r"#   camera logged \d+ errors?: was it well\?", text)
 
 
 def watched(file: Path) -> dict[str, Any]:
@@ -486,6 +488,94 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()
 
 
+@pytest.mark.parametrize("ending", [".bag", ".mcap", ".db3"])
+def test_a_draft_of_recordings_claims_only_what_was_recorded(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No node that nobody named is watched, none is said to log no errors, no rate is of a moment."""
+    log = write(tmp_path / f"good{ending}", [*steady("odom", 20, 30), *steady("scan", 1e5, 0.001)])
+    assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    said = capsys.readouterr()
+    files = (tmp_path / "rover" / f"{one}.yaml" for one in ("rover", "agent", "robot"))
+    model, agent, robot = (file.read_text() for file in files)
+    assert "kind: rosout" not in agent
+    assert "scan: {rate_hz" not in model
+    assert "100 messages within 0.99 ms" in model
+    assert "which node publishes odom?" in model
+    assert "publisher_of" not in agent.partition("# processes:")[0]
+    assert "publisher_of" not in robot
+    assert "s are recorded, too little" not in said.err
+    given = log, "--observers", tmp_path / "rover" / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
+    assert "faulty" not in logs(tmp_path / "out")[0]["span_ns"]
+
+
+@pytest.mark.parametrize("name", ["true", "null", "0x1F", "12", "1e3", "on", "3.0", "2026-11-29"])
+def test_names_that_yaml_dislikes_are_names(name: str, tmp_path: Path) -> None:
+    recording(tmp_path / "good.bag", 10)
+    given = ["attach", "--bag", str(tmp_path / "good.bag"), f"--name={name}", str(tmp_path / "rover")]
+    assert run(given) == 0
+    for file, key in (("agent", "robot"), ("robot", "model"), (name, "name")):
+        assert yaml.safe_load((tmp_path / "rover" / f"{file}.yaml").read_text())[key] == name
+    assert run(given) == 0
+
+
+def test_a_folder_of_recordings_is_read_and_one_of_moments_gives_nothing_to_watch(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "good").mkdir()
+    recording(tmp_path / "good" / "a.bag", 10)
+    recording(tmp_path / "good" / "b.bag", 10)
+    assert run(["attach", "--bag", str(tmp_path / "good"), str(tmp_path / "rover")]) == 0
+    assert "scan: {rate_hz: 10" in (tmp_path / "rover" / "agent.yaml").read_text()
+    assert "next, over the logs that you doubt: robomend-batch run" in capsys.readouterr().out
+    write(tmp_path / "short.bag", steady("scan", 1e5, 0.001))
+    assert run(["attach", "--bag", str(tmp_path / "short.bag"), str(tmp_path / "other")]) == 0
+    said = capsys.readouterr()
+    assert "0.00099 s are recorded, too little for most rates" in said.err
+    assert "nothing in the recordings can be watched: give longer ones" in said.err
+    assert "next" not in said.out
+
+
+@pytest.mark.parametrize("late_s", [2.0, 8.0])
+def test_a_topic_that_begins_late_is_no_fault_of_its_own_recording(late_s: float, tmp_path: Path) -> None:
+    log = write(tmp_path / "good.bag", [*steady("odom", 20, 40), *steady("scan", 10, 40, start_s=late_s)])
+    assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    given = log, "--observers", tmp_path / "rover" / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
+    assert set(logs(tmp_path / "out")[0]["span_ns"]) == {"healthy", "unknown"}
+
+
+def test_a_node_that_logged_errors_in_a_recording_is_asked_about(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    log, text = types["rosgraph_msgs/msg/Log"], types["std_msgs/msg/String"]
+    with Writer(tmp_path / "good.bag") as bag:
+
+        def connection(topic: str, kind: str, node: str) -> Any:
+            return bag.add_connection(topic, kind, typestore=store, callerid=node)
+
+        nodes = {
+            name: connection(f"/{name}_data", text.__msgtype__, f"/{name}") for name in ("lidar", "camera")
+        }
+        rosout = connection("/rosout", log.__msgtype__, "/lidar")
+        for number in range(300):
+            for one in nodes.values():
+                bag.write(one, number * 10**8, store.serialize_ros1(text(data="x"), text.__msgtype__))
+            if number == 100:
+                zero = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+                stamp = types["std_msgs/msg/Header"](seq=0, stamp=zero, frame_id="")
+                line = log(
+                    header=stamp, level=8, name="/lidar", msg="no", file="", function="", line=0, topics=[]
+                )
+                bag.write(rosout, number * 10**8, store.serialize_ros1(line, log.__msgtype__))
+    assert run(["attach", "--bag", str(tmp_path / "good.bag"), str(tmp_path / "rover")]) == 0
+    assert "lidar logged 1 error: was it well?" in (tmp_path / "rover" / "rover.yaml").read_text()
+    agent = (tmp_path / "rover" / "agent.yaml").read_text()
+    assert "rosout_camera: {kind: rosout" in agent
+    assert "rosout_lidar" not in agent
+
+
 def test_devices_are_proposed_and_none_of_them_counts_before_somebody_says_so(tmp_path: Path) -> None:
     ports, port = tmp_path / "dev" / "serial" / "by-id", tmp_path / "ttyUSB0"
     ports.mkdir(parents=True)
@@ -563,6 +653,18 @@ def test_what_cannot_be_is_said(
     if "no robot was" in why:
         assert "ROS_HOSTNAME=127.0.0.1" in told
     assert not list(tmp_path.glob("*/*.yaml"))
+
+
+def test_an_agents_file_that_is_no_text_is_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "agent.yaml").write_bytes(b"\xa9\xff")
+    assert run(["attach", "--name", "rover", str(tmp_path)]) == 2
+    assert "agent.yaml is no text (UTF-8): move it away" in capsys.readouterr().err
+    (tmp_path / "agent.yaml").unlink()
+    (tmp_path / "agent.yaml").mkdir()
+    assert run(["attach", "--name", "rover", str(tmp_path)]) == 2
+    assert "agent.yaml cannot be read: Is a directory" in capsys.readouterr().err
 
 
 def test_another_robots_folder_is_not_taken(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
 
 import polars as pl
@@ -24,6 +27,9 @@ from robomend_client.observers.base import SECOND
 from robomend_client.observers.kinds import read_lenient, read_observers, read_topics
 from robomend_client.observers.recording import Recording
 from robomend_client.yaml_reader import read
+
+PYTHON = re.compile(r"has no attribute|NoneType|iterable|object is|\(\)|: '\w+'$")
+"""What a library says of itself and not of a file."""
 
 FORMATS = ("a.bag", "a.mcap", "a.db3")
 
@@ -288,6 +294,28 @@ def test_a_db3_whose_schema_is_damaged_is_refused_in_words(rover: tuple[Path, Pa
     (told_of,) = logs(tmp_path / "out")
     assert told_of["state"] == "refused"
     assert "no recording, or damaged" in told_of["problems"][0]["reason"]
+
+
+@pytest.mark.parametrize("change", ["name = 5", "type = NULL", "type = 7, name = NULL"])
+def test_a_db3_whose_topics_are_no_texts_is_refused_in_words(
+    change: str, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    log = write(tmp_path / "a.db3", drive(2.0))
+    with closing(sqlite3.connect(log)) as base, base:
+        (made,) = base.execute("SELECT sql FROM sqlite_master WHERE name = 'topics'").fetchone()
+        base.execute("PRAGMA writable_schema = 1")
+        plain = (
+            made.replace(" NOT NULL", "").replace("name TEXT", "name ANY").replace("type TEXT", "type ANY")
+        )
+        base.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'topics'", (plain,))
+    with closing(sqlite3.connect(log)) as base, base:
+        base.execute(f"UPDATE topics SET {change}")
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    (told_of,) = logs(tmp_path / "out")
+    assert told_of["state"] in ("refused", "bad")
+    for one in told_of["problems"]:
+        assert not PYTHON.search(one["reason"]), one
 
 
 def test_time_by_the_header_is_the_time_of_the_header(rover: tuple[Path, Path], tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ TICK_NS, and of a field no more than MOST_VALUES.
 from __future__ import annotations
 
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -28,6 +28,7 @@ from robomend_batch.logs.wanted import STATUSES, WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
+from robomend_client.observers.rosout import reaches
 from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name
 
 MOST_TIMES = 5_000_000
@@ -44,6 +45,9 @@ DIAGNOSTICS, STATUS = WHOLE["diagnostics"]
 
 UNNAMED = "/publisher_of_"
 """The node of a topic whose publisher no log names; the topic follows."""
+
+LOGS = ("rosgraph_msgs/msg/Log", "rcl_interfaces/msg/Log")
+"""Types of /rosout."""
 
 DISCOVERY = "ros_discovery_info"
 """Of ROS 2: which nodes there are. What they publish it says by numbers that no recording explains."""
@@ -146,6 +150,7 @@ class Gathered:
 
     topics: dict[str, Topic] = field(default_factory=dict)
     statuses: dict[tuple[str, str], Status] = field(default_factory=dict)  # by topic and name
+    errors: Counter[str] | None = None  # lines of nodes' logs from ERROR on; None: no logs were recorded
     nodes: set[str] = field(default_factory=set)  # that DISCOVERY names, with their slashes
     names: list[str] = field(default_factory=list)  # of the logs
     spans_ns: list[tuple[int, int]] = field(default_factory=list)
@@ -196,13 +201,15 @@ def heard_of(found: Gathered) -> Heard:
         begins.append(end_ns - start_ns)
         end_ns += stop_ns - start_ns
     topics, publishers = {}, {}
+    unnamed: set[str] = set()
     for name, topic in found.topics.items():
         ear = Ear()
         for log, ahead_ns in enumerate(begins):
             for time_ns in topic.of_log(log).tolist():
                 ear.message(time_ns + ahead_ns)
-        topics[f"/{name}"] = ear.heard()
+        topics[f"/{name}"] = replace(ear.heard(), wait_s=first_s(found, name))
         named = topic.publishers or {UNNAMED + name}
+        unnamed |= named - topic.publishers
         publishers[f"/{name}"] = frozenset(map(lasting_name, named))
     graph = RosGraph(
         publishers, types={f"/{name}": sorted(topic.types)[0] for name, topic in found.topics.items()}
@@ -228,8 +235,20 @@ def heard_of(found: Gathered) -> Heard:
         end_ns,
         topics,
         statuses,
+        errors=None if found.errors is None else dict(found.errors),
+        unnamed=frozenset(unnamed),
         origin={origin: {}},
     )
+
+
+def first_s(found: Gathered, topic: str) -> float:
+    """Return how long after the beginning of a log its first message came, at most."""
+    firsts = [
+        (times[0] - start_ns) / SECOND
+        for log, (start_ns, _) in enumerate(found.spans_ns)
+        if len(times := found.topics[topic].of_log(log))
+    ]
+    return float(max(firsts, default=0.0))
 
 
 @contextmanager
@@ -264,6 +283,7 @@ class _Reader:
         self._log = len(found.spans_ns)
         self._diagnostics: dict[int, Callable[[bytes], Any]] = {}
         self._discovery: dict[int, Callable[[bytes], Any]] = {}
+        self._lines: dict[int, Callable[[bytes], Any]] = {}
         self._fields: dict[int, list[Means]] = {}
         self._publisher = {channel.number: channel.publisher for channel in recording.channels}
         self._topic = {channel.number: channel.topic for channel in recording.channels}
@@ -277,7 +297,9 @@ class _Reader:
         for channel in recording.channels:
             self._open(channel)
         latest_ns = recording.start_ns
-        unpacked = self._diagnostics.keys() | self._discovery.keys() | self._fields.keys()
+        unpacked = (
+            self._diagnostics.keys() | self._discovery.keys() | self._lines.keys() | self._fields.keys()
+        )
         wanted = {number: number in unpacked for number in times}
         for time_ns, number, data in recording.messages(wanted):
             if number == HOLE:
@@ -318,6 +340,10 @@ class _Reader:
                 nodes = "node_entities_info_seq"
                 self._discovery[channel.number] = lambda data: plain(getattr(unpack(data, name), nodes))
                 return
+            if channel.type_name in LOGS:
+                self._lines[channel.number] = lambda data: unpack(data, name)
+                self._found.errors = self._found.errors or Counter()
+                return
             if channel.type_name == STATUSES:
                 if self._is_aggregated(channel.topic):
                     return
@@ -349,6 +375,12 @@ class _Reader:
                 for node in self._discovery[number](data)[:MOST_NODES]:
                     name = f"{node['node_namespace'].rstrip('/')}/{node['node_name']}"
                     self._found.nodes.add(lasting_name(name))
+                return
+            if number in self._lines:
+                line = self._lines[number](data)
+                if reaches(int(line.level), "error"):
+                    assert self._found.errors is not None
+                    self._found.errors[lasting_name(f"/{line.name.strip('/').replace('.', '/')}")] += 1
                 return
             if number in self._diagnostics:
                 for status in self._diagnostics[number](data):

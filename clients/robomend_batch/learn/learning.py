@@ -16,7 +16,7 @@ from robomend.model.from_graph import is_plumbing, is_tool, slug
 from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
-from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, gather, open_log
+from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, first_s, gather, open_log
 from robomend_batch.learn.matches import learn_matches
 from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
@@ -26,7 +26,6 @@ from robomend_batch.observing import Observing, load_observers
 from robomend_batch.problems import Problems
 from robomend_client.counts import counted
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.ros_graph import RosGraph
@@ -199,7 +198,7 @@ class _Parts:
             if name not in known:
                 entries.left_out.append((name, "the model does not speak of it"))
             elif isinstance(found, RateFound):
-                draft.rate_entry(entries, found, _first_s(self._found, name))
+                draft.rate_entry(entries, found, first_s(self._found, name))
             else:
                 entries.left_out.append((name, found))
         taken = {*known, *(node.strip("/") for node in self._node_of.values())}
@@ -297,16 +296,6 @@ def _to_blame(status: StatusFound, nodes: Collection[str], topic: str) -> str:
     if len(alike) == 1:
         return alike[0]
     return only or f"{space}/{slug(named)}"
-
-
-def _first_s(found: Gathered, topic: str) -> float:
-    """Return how long after the beginning of a log its first message came, at most."""
-    firsts = [
-        (times[0] - start_ns) / SECOND
-        for log, (start_ns, _) in enumerate(found.spans_ns)
-        if len(times := found.topics[topic].of_log(log))
-    ]
-    return float(max(firsts, default=0.0))
 
 
 def _doubt(

@@ -39,6 +39,9 @@ from robomend_client.observers.base import SECOND, ns
 from robomend_client.observers.rate import LEAST_SILENCE_S
 
 LEAST_MESSAGES = 60
+LEAST_SPAN_S = 1.0
+"""What came for less is one burst."""
+
 WINDOWS = (10, 20, 40, 80, 160, 320, 640)
 LONGEST_WINDOW_S = 60.0
 LEAST_WINDOWS = 8
@@ -109,6 +112,8 @@ def learn_rate(topic: str, pieces: Sequence[Times], hours: float, per_hour: floa
     gaps = [np.diff(times) / SECOND for times in pieces if len(times) > 1]
     if messages < LEAST_MESSAGES or not gaps:
         return f"{messages} messages: too few for a rate"
+    if (span_s := float(sum(one.sum() for one in gaps))) < LEAST_SPAN_S:
+        return f"{messages} messages within {span_s:.3g} s: too short for a rate"
     all_gaps = np.concatenate(gaps)
     usual_s = float(np.median(all_gaps))
     if usual_s <= 0:

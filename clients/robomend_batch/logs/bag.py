@@ -32,6 +32,7 @@ from robomend_batch.logs.recorded import (
     Span,
     Times,
     Unreadable,
+    damage_of,
     hole,
 )
 from robomend_client.observers.base import SECOND
@@ -54,7 +55,9 @@ def open_bag(path: Path) -> Recording:
     except _NotClosed:
         return StreamedBag(path, "it has no index: the recorder did not close it")
     except (*DAMAGED, Cut) as error:
-        return StreamedBag(path, "", f"its index is damaged ({error}): all of its messages were read")
+        return StreamedBag(
+            path, "", f"its index is damaged ({damage_of(error)}): all of its messages were read"
+        )
 
 
 class _NotClosed(Exception):
@@ -350,7 +353,7 @@ class StreamedBag:
                             found = list(self._of_chunk(_whole(header, data), wanted, every))
                         except (*DAMAGED, Cut) as error:
                             self.notes.add(
-                                f"the chunk before byte {file.tell()} is damaged: {error or 'its records'}",
+                                f"the chunk before byte {file.tell()} is damaged: {damage_of(error)}",
                                 bad=True,
                             )
                             if last_ns is not None:
@@ -372,7 +375,7 @@ class StreamedBag:
         except Cut:
             self.cut = "cut off in the middle of a record"
         except DAMAGED as error:
-            self.cut = f"damaged: {error}"
+            self.cut = f"damaged: {damage_of(error)}"
 
     def close(self) -> None:
         """Nothing is open between readings."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robomend_batch.logs.recorded import Message, Notes, Stretch, Times, hole
+from robomend_batch.logs.recorded import Message, Notes, Stretch, Times, damage_of, hole
 from robomend_client.observers.driver import JUMP_NS
 
 LARGEST_CHUNK = 64 << 20
@@ -111,6 +111,8 @@ class Chunked(ABC):
             parts: in the order of the file, with the bounds that the index gives them.
             doubtful: those whose bounds nothing vouches for.
         """
+        if not parts:
+            return
         starts = np.array([part.start_ns for part in parts], dtype=np.int64)
         ends = np.array([part.end_ns for part in parts], dtype=np.int64)
         spans = ends - starts
@@ -184,7 +186,7 @@ class Chunked(ABC):
         try:
             return self._of_part(part, wanted)
         except self.damage as error:
-            self.notes.add(f"the chunk at byte {part.place} is damaged: {error}", bad=True)
+            self.notes.add(f"the chunk at byte {part.place} is damaged: {damage_of(error)}", bad=True)
             return [hole(part.start_ns, part.end_ns)]
 
     def _left_behind(self, parts: Sequence[Part], wanted: Mapping[int, bool]) -> list[Message]:

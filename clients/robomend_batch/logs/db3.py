@@ -19,7 +19,17 @@ from urllib.parse import quote
 import yaml
 
 from robomend_batch.logs.db3_cut import CutDb3
-from robomend_batch.logs.recorded import DAMAGED, HOLE, Channel, Message, Notes, Recording, Unreadable, hole
+from robomend_batch.logs.recorded import (
+    DAMAGED,
+    HOLE,
+    Channel,
+    Message,
+    Notes,
+    Recording,
+    Unreadable,
+    damage_of,
+    hole,
+)
 from robomend_batch.logs.stamps import LATEST_NS
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.driver import JUMP_NS
@@ -117,7 +127,7 @@ class Db3:
             self._compare(path)
         except DAMAGE as error:
             self._base.close()
-            raise Unreadable(f"no recording, or damaged: {error}") from error
+            raise Unreadable(f"no recording, or damaged: {damage_of(error)}") from error
 
     def _check(self) -> None:
         """Hold rows and index against each other."""
@@ -203,7 +213,7 @@ class Db3:
                         raise ValueError(f"a time that is {time_ns!r}, bytes that are {type(body).__name__}")
                     yield time_ns, number, body if wanted[number] else None
         except DAMAGE as error:
-            self.cut = f"damaged: {error}"
+            self.cut = f"damaged: {damage_of(error)}"
 
     def close(self) -> None:
         self._base.close()

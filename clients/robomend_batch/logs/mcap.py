@@ -39,6 +39,7 @@ from robomend_batch.logs.recorded import (
     Span,
     Times,
     Unreadable,
+    damage_of,
     hole,
 )
 
@@ -310,7 +311,7 @@ class StreamedMcap:
         except GeneratorExit:
             raise
         except Exception as error:  # noqa: BLE001  # decompressors raise what they like
-            self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+            self.cut = f"cut off or damaged ({damage_of(error)})"
 
     def _of_file(
         self, file: BinaryIO, wanted: Mapping[int, bool], every: bool, summary: _Summary | None
@@ -333,7 +334,7 @@ class StreamedMcap:
                 try:
                     found = self._of_chunk(file, at, length, schemas, wanted, every)
                 except DAMAGE as error:
-                    self.notes.add(f"the chunk at byte {at} is damaged: {error}", bad=True)
+                    self.notes.add(f"the chunk at byte {at} is damaged: {damage_of(error)}", bad=True)
                     if last_ns is not None:
                         yield hole(last_ns, last_ns)
                     file.seek(at + RECORD.size + length)

@@ -235,3 +235,12 @@ DAMAGED = (
     *(MemoryError, OverflowError),  # a length that cannot be, and that a library wants to read at once
 )
 """What libraries raise where a file is cut off or damaged, beside exceptions of their own."""
+
+WITHOUT_WORDS = (KeyError, IndexError, TypeError, AttributeError, AssertionError, MemoryError)
+"""Their texts speak of the program, not of the file."""
+
+
+def damage_of(error: BaseException) -> str:
+    """Return what is damaged, as the one who made it says, or in plain words where that says nothing."""
+    text = "" if isinstance(error, WITHOUT_WORDS) else str(error)
+    return text or "its records do not fit together"

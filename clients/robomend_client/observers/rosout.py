@@ -102,8 +102,7 @@ class RosoutObserver(Incidents):
             level = level[0] if isinstance(level, bytes) else int(level)
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise WrongKind("a line of a log (level, name, msg) is", value) from error
-        old, new = LEVELS[self._rules.level]
-        if level < (old if level in ROS1_LEVELS else new) or not self._is_ours(name):
+        if not reaches(level, self._rules.level) or not self._is_ours(name):
             return
         text = text[:MOST_LOOKED_AT] if isinstance(text, str) else str(text)[:MOST_LOOKED_AT]
         if any(_has(text, parts) for parts in self._ignored):
@@ -131,6 +130,12 @@ class RosoutObserver(Incidents):
             first, last = self._first[:half], self._newest[:half]
             told = f"{span}: {first}" if first == last else f"{span}, first {first}, last {last}"
         return self.evidence_of(now_ns, Reading(told, symptom=Symptom.SELF_REPORT))
+
+
+def reaches(level: int, least: str) -> bool:
+    """Whether a line's level, in the numbers of ROS 1 or ROS 2, is one of LEVELS or worse."""
+    old, new = LEVELS[least]
+    return level >= (old if level in ROS1_LEVELS else new)
 
 
 def _plain(name: str) -> str:

@@ -69,8 +69,14 @@ YAML_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*\Z")
 RESERVED = frozenset(("true", "false", "yes", "no", "on", "off", "null", "y", "n"))
 
 LEAST_MESSAGES = 5
+LEAST_SPAN_S = 1.0
+"""What came for less is one burst: no rate is told from it."""
+
 QUIET_S, QUIET_INTERVALS = 3.0, 10
 """What did not come for so long at the end of the listening had stopped."""
+
+LATE_S = 1.0
+"""What begins later in a recording was seen to take its time, and may take twice of it."""
 
 SLOWER, FASTER = 0.4, 0.6
 """Of the rate: how far it may stray."""
@@ -98,6 +104,9 @@ MANY_INPUTS = 4
 
 ALIKE, LEAST_PAIRS = 0.5, 30
 """Correlation of intervals from which on one topic is seen to follow another."""
+
+MOST_OPEN = 5
+"""Remarks that are said where there is no model to write them into."""
 
 MOST_LOGS = 100
 """Nodes whose logs are watched: each line is looked at for each of them."""
@@ -145,6 +154,7 @@ class SteadyTopic:
     silence_s: float
     pause_s: float | None
     why: str  # what the numbers rest on
+    first_s: float | None = None  # so long it may take to begin, where that was seen
 
 
 @dataclass(frozen=True)
@@ -152,7 +162,7 @@ class FirstModel:
     """What was made of what was heard: the model, and what else the robot's files say."""
 
     text: str
-    nodes: tuple[str, ...]  # names are as the model has them from here on
+    nodes: tuple[str, ...]  # whose names are known; they are as the model has them from here on
     watched: Mapping[str, SteadyTopic] = field(default_factory=dict)  # topic -> its rate
     statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
     signs: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)  # property -> its observer
@@ -194,6 +204,8 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
     quiet_s = (ended_ns - heard.last_ns) / 1e9
     if not rate_hz or not usual_s:
         return "its messages come several at once"
+    if heard.span_s < LEAST_SPAN_S:
+        return f"{counted(heard.count, 'message')} within {_s(heard.span_s)}"
     if quiet_s > max(QUIET_S, QUIET_INTERVALS * usual_s, SILENCE_GAPS * heard.longest_s):
         return f"{counted(heard.count, 'message')}, and then silent for {quiet_s:.3g} s"
     silence_s = max(SILENCE_S, SILENCE_INTERVALS / rate_hz, SILENCE_GAPS * heard.longest_s)
@@ -216,7 +228,8 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
         max(1, min(window - 1, int(VERDICT_S * rate_hz))),
         silence_s,
         pause_s if pause_s < silence_s else None,
-        why,
+        why + (f"; began after {heard.wait_s:.3g} s at most" if heard.wait_s > LATE_S else ""),
+        2 * heard.wait_s if heard.wait_s > LATE_S else None,
     )
 
 
@@ -331,7 +344,9 @@ class _Draft:
         if not self.nodes:
             tools = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
             beside = f", only tools or what had ended: {tools}" if tools else ""
-            raise InputError(f"{heard.source}: there is no node of the robot's own{beside}")
+            open_ = "".join(f"; {remark}" for remark in heard.remarks[:MOST_OPEN])
+            raise InputError(f"{heard.source}: there is no node of the robot's own{beside}{open_}")
+        self.named = [node for node in self.nodes if node not in heard.unnamed]
         self.topics = self._topics(gone)
         found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
         usual = {f"/{topic}": one for topic, one in heard.usual.items()}
@@ -398,7 +413,7 @@ class _Draft:
             lines += [f"#   {comment(question)}" for question in self.asked]
         return FirstModel(
             "\n".join(lines) + "\n",
-            tuple(node.removeprefix("/") for node in self.nodes),
+            tuple(node.removeprefix("/") for node in self.named),
             {topic.removeprefix("/"): one for topic, one in self.steady.items()},
             statuses,
             signs,
@@ -474,9 +489,13 @@ class _Draft:
             drives = not self.listened and not inputs
             if self.listened and not any(rests_on.values()):
                 drives = any(topic in self.steady for topic in outputs)
-            if drives and self.listened:
+            if node in self.heard.unnamed:
+                self.asked += [f"which node publishes {topic.removeprefix('/')}?" for topic in outputs]
+            elif drives and self.listened:
                 self.asked.append(device_question(node.removeprefix("/")))
-            if not inputs:
+            if node in self.heard.unnamed:
+                hint = "who publishes this was not recorded: put the node's name here"
+            elif not inputs:
                 hint = "listens to nothing: probably a driver; of which device?"
             elif not self.listened:
                 hint = "all that it publishes rests on all that it listens to: strike out what does not"
@@ -569,8 +588,9 @@ class _Draft:
                 sign("goals", action, node, action=action.removeprefix("/"))
         for node in sorted(self.heard.lifecycle.keys() & set(self.nodes)):
             sign("lifecycle", node, node, node=node.removeprefix("/"))
-        for node in self.nodes[:MOST_LOGS]:
-            if node not in self.heard.errors:
+        errors = self.heard.errors
+        for node in self.named[:MOST_LOGS] if errors is not None else ():
+            if node not in (errors or {}):
                 sign("rosout", node, node, node=node.removeprefix("/"))
         for topic, path in sorted(self.heard.moving.items()):
             if topic in self.steady:
@@ -654,7 +674,7 @@ class _Draft:
                 self.asked.append(f"{named} was silent all the time: is that so by design?")
             elif why != "silent" and self._of(topic).count >= LEAST_MESSAGES:
                 self.asked.append(f"{named}: {why}: is that so by design?")
-        for node, count in sorted(self.heard.errors.items()):
+        for node, count in sorted((self.heard.errors or {}).items()):
             if node in self.nodes:
                 self.asked.append(f"{node.removeprefix('/')} logged {counted(count, 'error')}: was it well?")
         self.asked += self.heard.remarks

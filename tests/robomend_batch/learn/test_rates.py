@@ -138,7 +138,9 @@ def test_a_topic_that_comes_when_it_likes_is_not_watched() -> None:
     assert found.startswith("irregular")
 
 
-def test_a_few_messages_make_no_rate() -> None:
+def test_a_few_messages_make_no_rate_nor_does_a_moment() -> None:
+    burst = np.arange(0, 1_000_000, 1000, dtype=np.int64)
+    assert learn_rate("scan", [burst], 0.1, 0.01) == "1000 messages within 0.000999 s: too short for a rate"
     assert learn_rate("map", [beats(10, 2, 1)], 0.1, 0.01) == "20 messages: too few for a rate"
     assert learn_rate("map", [], 0.1, 0.01) == "0 messages: too few for a rate"
 

@@ -122,7 +122,7 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     """
     lines = [
         "# The robot's side: robomend-agent agent.yaml (--check: what it means). Every key: docs/agent.md.",
-        f"robot: {said.robot}",
+        f"robot: {word(said.robot)}",
         f"service: {{url: {json.dumps(said.url)}, key_env: ROBOMEND_KEY}}",
     ]
     if said.bus is not None:
@@ -164,8 +164,9 @@ def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
         for topic, steady in first.watched.items():
             yield f"  # {comment(steady.why)}"
             yield f"  {word(topic)}: {{{_rate_keys(steady)}}}"
-    yield "observers:"
-    if said.origin:
+    if (said.origin and first.nodes) or first.statuses or first.signs:
+        yield "observers:"
+    if first.nodes and said.origin:
         names = ", ".join(map(word, first.nodes))
         of_ros = "ros1" if origin == "ros1" else "ros2"
         yield f"  nodes: {{kind: node, from: {origin}, preset: {of_ros}, nodes: [{names}]}}"
@@ -201,6 +202,8 @@ def _rate_keys(steady: SteadyTopic) -> str:
     }
     if steady.pause_s is not None:
         keys["pause_s"] = float(f"{steady.pause_s * 1.005:.3g}")
+    if steady.first_s is not None:
+        keys["first_s"] = float(f"{steady.first_s * 1.005:.3g}")
     return ", ".join(f"{key}: {value:g}" for key, value in keys.items())
 
 
@@ -209,7 +212,7 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     heard = said.heard is not None and said.heard.seconds > 0
     lines = [
         f"# For robomend robot put {said.robot} robot.yaml --model {model_file(said.robot)}: docs/http.md.",
-        f"model: {said.robot}",
+        f"model: {word(said.robot)}",
         f"policy: {said.policy}               # observe: never act; approve: a person says yes; auto",
     ]
     if heard and first is not None:
