@@ -6,6 +6,7 @@ import json
 import socket
 from typing import Any
 
+import httpx
 import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
@@ -255,3 +256,28 @@ def test_a_reason_is_one_line_that_shows_as_it_reads(service: Service) -> None:
     until(lambda: not service.api("GET", "/stop").json()["active"], "it was not lifted")
     trail = [entry for entry in service.api("GET", "/audit").json()["items"] if "stop" in entry["action"]]
     assert {entry["reason"] for entry in trail} == {shown}
+
+
+def test_whoever_leaves_while_it_waits_is_no_fault_of_the_service(service: Service) -> None:
+    with pytest.raises(httpx.ReadTimeout):
+        service.api("GET", "/robots/r1/diagnosis", params={"wait_s": 60}, timeout=0.5)
+    counted = 'route="/api/v1/robots/{robot}/diagnosis",status="%d"'
+    until(lambda: counted % 499 in service.http.get("/metrics").text, "it is counted as gone")
+    assert counted % 500 not in service.http.get("/metrics").text
+
+
+def test_a_bug_of_ours_is_answered_with_a_problem_and_nothing_of_it(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = start()
+
+    async def breaks(*_: object, **__: object) -> None:
+        raise RuntimeError("secret of the inside")
+
+    monkeypatch.setattr(service.runtime.robots, "diagnosed", breaks)
+    answer = service.api("GET", "/robots/r1")
+    assert answer.status_code == 500
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["code"] == "internal"
+    assert answer.json()["request_id"] == answer.headers["x-request-id"]
+    assert "secret" not in answer.text

@@ -33,7 +33,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.gate import Bucket, by_name, foreign
 from robomend.api.ingestion import PATH, RULE, Express
-from robomend.api.problems import Problem, unforeseen
+from robomend.api.problems import GONE, Problem, unforeseen
 from robomend.api.protocol import LINGER_BYTES, LINGER_S
 from robomend.api.shedding import LoadShedding
 from robomend.logs import PRINCIPAL, REQUEST, debugging
@@ -187,9 +187,9 @@ class Edge:
             else:
                 await self._app(scope, received, answer)
         except ClientDisconnect:
-            status = status or 499  # nobody is left to answer; the log line and the metrics say so
+            status = status or GONE
         except Exception as error:  # noqa: BLE001  # a bug of ours: it is logged and has an answer
-            response = _failed(scope, error, answered=status != 0)
+            response = _failed(scope, error)
             if status == 0:
                 await response(scope, received, answer)
         finally:
@@ -246,15 +246,13 @@ def with_ours(own: Iterable[Header], scope: Scope) -> list[Header]:
     return headers
 
 
-def _failed(scope: Scope, error: Exception, *, answered: bool) -> Response:
+def _failed(scope: Scope, error: Exception) -> Response:
     """Return the answer to what nobody caught; the log tells more."""
-    if out_of_memory(error) and not answered:
+    if out_of_memory(error):
         log.error("out of memory", method=scope["method"], path=scope["path"], detail=str(error))
-        why = "this process may have no more memory (`ulimit -v`, a cgroup); try again later"
-        return Problem(503, why, code="overloaded").response(scope["robomend.request_id"])
-    # A bug of ours: the client gets its 500, the log the traceback.
-    log.error("unforeseen", method=scope["method"], path=scope["path"], exc_info=error)
-    return unforeseen(scope["robomend.request_id"])
+    else:  # a bug of ours: the client gets its 500, the log the traceback
+        log.error("unforeseen", method=scope["method"], path=scope["path"], exc_info=error)
+    return unforeseen(scope["robomend.request_id"], error)
 
 
 def refusal(scope: Scope) -> Problem | None:

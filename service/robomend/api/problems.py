@@ -24,14 +24,18 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from pydantic import TypeAdapter, ValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from robomend import errors
 from robomend.batches.batches import BatchUnavailable
+from robomend.memory_limits import out_of_memory
 from robomend_client.near import did_you_mean
 
 Schema = dict[str, Any]
+
+GONE = 499
+"""Of a request whose client went away: nobody is left to answer, the log line and the metrics say so."""
 
 
 def near_field(kind: Any, place: Sequence[int | str]) -> str:
@@ -249,14 +253,25 @@ def install(app: FastAPI) -> None:
             detail = f"there is nothing at {request.url.path}"
         return Problem(error.status_code, detail, headers=error.headers).response(request_id(request))
 
+    async def gone(request: Request, error: Exception) -> Response:
+        return Response(status_code=GONE)
+
+    async def bug(request: Request, error: Exception) -> Response:
+        return unforeseen(request_id(request), error)
+
     app.add_exception_handler(errors.RobomendError, ours)
     app.add_exception_handler(Problem, ours)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http_error)
+    app.add_exception_handler(ClientDisconnect, gone)
+    app.add_exception_handler(Exception, bug)
 
 
-def unforeseen(request_id: str | None) -> Response:
+def unforeseen(request_id: str | None, error: Exception) -> Response:
     """Return the answer to an exception that nobody foresaw; the log has the rest."""
+    if out_of_memory(error):
+        why = "this process may have no more memory (`ulimit -v`, a cgroup); try again later"
+        return Problem(503, why, code="overloaded").response(request_id)
     return Problem(500, "an unforeseen fault; the log tells more under this request id").response(request_id)
 
 
