@@ -344,6 +344,28 @@ async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boo
     assert robot.done.count("start_node(base_node)") == 3
 
 
+async def test_a_driver_that_nobody_restarts_is_waited_for_until_its_device_has_surely_booted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Firmware finds its device by itself; nobody is called meanwhile, and the act is credited with it."""
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 20 * 10**9)
+
+    async def boots(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        asyncio.get_running_loop().call_later(4, robot.connected.update, {"base_node": True})
+        return 0
+
+    async with service(tmp_path) as runtime:
+        await put_model(runtime, "base_node: {drives", "base_node: {restartable: false, drives")
+        async with robot_on(runtime) as robot:
+            robot.spoil = boots
+            await robot.settled()
+            robot.cut("base")
+            repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", ["power_up(base)"]), repair["reason"]
+    assert [one["helped"] for one in repair["rounds"]] == [True]
+
+
 class Forgetful(Robot):
     """What it reports lives for a moment only."""
 

@@ -425,7 +425,8 @@ class LiveRepair:
             await self._confirming.seen()
         had_their_time = dict.fromkeys((Ending.EFFECT_MISSING, Ending.MISMATCH, Ending.ACTION_FAILED), 0.0)
         waits = {Ending.DONE: self._shows_s(*acted), **had_their_time}
-        deadline = time.monotonic() + waits.get(execution.ending, Timing().hold_s)
+        waits_s = waits.get(execution.ending, Timing().hold_s)
+        deadline = time.monotonic() + max(waits_s, self._found_again_s(execution))
         while True:
             revision = self._state.revision
             result = await self._newest()
@@ -442,6 +443,15 @@ class LiveRepair:
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
             await self._signals.unless_halted(self._state.changed(revision, LOOK_S))
+
+    def _found_again_s(self, execution: Execution) -> float:
+        """Return how long drivers that nobody restarts may still wait for what was switched on."""
+        parts, sight = self._state.system.parts, self._state.sight
+        ups = (one.step for one in execution.steps if one.sent_ns and one.step.name == "power_up")
+        devices = {name for step in ups for name in step.parameters}
+        if parts is None or not devices:
+            return 0.0
+        return (sight.start_ups.found_again_ns(devices, parts, sight) - CLOCK.now_ns()) / 1e9
 
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""

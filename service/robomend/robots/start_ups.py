@@ -14,7 +14,7 @@ for as long as is configured. What starts took is in the store, written with the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from math import inf
 from time import monotonic
 from typing import Protocol
@@ -510,6 +510,21 @@ class StartUps:
             if self._power_ns(name, seen)
         ]
         return max((end for end in ends if end > CLOCK.now_ns()), default=0)
+
+    def found_again_ns(self, devices: Collection[str], parts: ComponentModel, seen: Seen) -> int:
+        """Return when drivers that nobody restarts will have found these devices, which have got their power,
+        and been heard to, at the latest; 0: no such driver rests on any.
+        """
+        ends = [0]
+        for node in parts.nodes.values():
+            waits_for = () if node.restartable else self._devices(node, parts)
+            for device in (each for each in waits_for if each in devices and self._power_ns(each, seen)):
+                boot_s = parts.hardware[device].boot_s
+                topics = (Atom("ok", (topic,)) for topic in node.publishes)
+                heard_ns = max((seen.delays(atom).settling_ns for atom in topics), default=0) + SLACK_NS
+                booted_ns = BOOTS_NS if boot_s is None else _with_room(_ns(boot_s))
+                ends.append(self._power_ns(device, seen) + booted_ns + heard_ns)
+        return max(ends)
 
     def needs_s(self, name: str, parts: ComponentModel) -> float:
         """Return how long what hangs on a component may need from when it is on, or runs, by the model and by
