@@ -104,6 +104,37 @@ def test_a_condition_that_flaps_ends_with_the_safer_variant(dwell_s: float, peri
         assert [change.target for change in water.decide(2 * 3600).changes] == ["high"]
 
 
+@pytest.mark.parametrize("deep", [2.0, 2.9])
+def test_what_flaps_bars_only_the_variants_that_did_not_last(deep: float) -> None:
+    """Falls to `deep` soon after it was well, twice: what held at that depth is not barred with the rest."""
+    water = Water(SUAVE.replace("dwell_s: 0.3", "dwell_s: 0.1"), "low")
+    made: list[str] = []
+    for tick in range(600):
+        now_s = tick / 10
+        water.visibility = 5.0 if tick % 40 < 20 else deep
+        made += [change.target for change in water.decide(now_s).changes]
+    assert len(made) <= 6
+    water.visibility = 2.9  # good enough for medium
+    water.decide(100)
+    water.decide(101)
+    assert water.active == ("low" if deep < 2.25 else "medium")
+    water.visibility = 5.0
+    water.decide(102)
+    assert water.decide(103).changes == ()  # high did not last
+
+
+def test_a_better_variant_is_not_barred_as_one_between_flapped() -> None:
+    water = Water(SUAVE.replace("dwell_s: 0.3", "dwell_s: 0.1"), "low")
+    for tick in range(600):
+        water.visibility = 2.9 if tick % 40 < 20 else 2.0
+        water.decide(tick / 10)
+    assert water.active == "low"
+    water.visibility = 5.0
+    water.decide(100)
+    (change,) = water.decide(101).changes
+    assert change.target == "high"
+
+
 def test_what_flaps_slowly_ends_with_the_safer_variant_by_the_bound_of_an_hour() -> None:
     water = Water(SUAVE.replace("dwell_s: 0.3", "dwell_s: 1\n    changes_per_hour: 6"), "high")
     changes: list[VariantChange] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import random
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -22,6 +23,7 @@ from robomend.api.runtime import Runtime
 from robomend.errors import StateConflict
 from robomend.planning.configurations import change_plan
 from robomend.planning.plan import in_prose
+from robomend.repairs.headline import of_robot
 from robomend.repairs.repair_json import change_json
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -444,6 +446,29 @@ async def test_what_is_only_observed_is_said_and_not_done(tmp_path: Path) -> Non
 
         await until(said, "why nothing is done")
         assert await changes_of(runtime) == []
+
+
+async def test_what_is_active_and_cannot_work_or_may_not_is_not_called_working(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        state = await runtime.robots.memory.robot("r1")
+
+        async def told(words: str) -> None:
+            async def said() -> bool:
+                return words in of_robot(state, None).text(CLOCK.now_ns())
+
+            await until(said, words)
+
+        rover.visibility = 2.9
+        await ended(runtime, 1)
+        rover.visibility = math.nan
+        await told("; whether it still does is unknown, as nobody reports visibility")
+        rover.visibility = 2.9
+        await runtime.robots.put_robot("r1", {**CONFIG, "policy": "observe"}, expected=ANY, by="test")
+        rover.lidar = False
+        await told("; localisation cannot work by lidar, as ")
+        rover.active["localisation"] = "odometry"  # by a person
+        await told("; localisation works by odometry since ")
 
 
 POLICIES: dict[str, tuple[dict[str, Any], str]] = {

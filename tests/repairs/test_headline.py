@@ -92,6 +92,14 @@ def test_of_many_functions_the_number_is_told_and_of_one_that_has_nothing_left_w
     assert what == begin + "altitude works by medium; and 2 more functions not by the best variant."
 
 
+def test_a_function_whose_active_variant_cannot_do_it_or_may_not_is_not_called_working() -> None:
+    broken = MEDIUM._replace(since_ns=None, why="camera is blamed", works=False)
+    doubtful = MEDIUM._replace(doubt="nobody reports visibility")
+    what, _ = said(health=HealthState.HEALTHY, functions=[broken, doubtful])
+    begin = f"Healthy; altitude cannot work by medium, as camera is blamed; {BY_MEDIUM}; "
+    assert what == begin + "whether it still does is unknown, as nobody reports visibility."
+
+
 def test_what_was_seen_of_a_component_itself_is_told_as_it_is_with_what_follows() -> None:
     what, then = said(
         blamed=[(("hokuyo",), 1.0)],

@@ -142,6 +142,9 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     ill: Service, look: Look
 ) -> None:
     page = awaiting(ill, look, "ill")
+    order = page.locator("[data-part]").evaluate_all("all => all.map((each) => each.dataset.part)")
+    assert order[1:5] == ["state", "repair", "diagnosis", "findings"]
+    assert "things will not work" in part(page, "findings")
     diagnosis = part(page, "diagnosis")
     for name in ("hokuyo", "hokuyo_node", "hector_mapping"):
         assert f"{name}\n{name} explains not ok(map)" in diagnosis

@@ -14,8 +14,8 @@ its most preferred variant in turn, and that choice is the only one there is.
 
 To what is worse is changed at once, as what was active does not do any more; to what is better once that was
 admissible for the function's `dwell_s`. What flaps ends with the safer variant: a change for the better is
-not made if, with the change back, it would be more than `changes_per_hour`, nor after it had to be undone
-soon for MOST_UNDONE times within the hour.
+not made if, with the change back, it would be more than `changes_per_hour`, nor to a variant that had to be
+left soon after for MOST_UNDONE times within the hour.
 """
 
 from __future__ import annotations
@@ -365,7 +365,7 @@ class Keeper:
             measured = met(conditions.get((function.name, better)), known)
             held = f"{better} is admissible again{measured and f', as {measured}'}; not changed to: {why}"
             if not standings[better].aside:
-                why, until_ns = self._bounded(function, now_ns)
+                why, until_ns = self._bounded(function, better, now_ns)
                 held = f"holds {active}: {why}"
                 if not why or (leaves_it and not any(standings[one].fine for one in below)):
                     return replace(state, target=better), wake_ns
@@ -385,8 +385,12 @@ class Keeper:
             held = f"{due} is due, as {standings[active].why}; {standings[due].why}"
         return replace(state, target=active, held=held), wake_ns
 
-    def _bounded(self, function: Function, now_ns: int) -> tuple[str, int]:
-        """Return why no change for the better is made now, and until when; or nothing."""
+    def _bounded(self, function: Function, target: str, now_ns: int) -> tuple[str, int]:
+        """Return why no change for the better is made to a variant now, and until when; or nothing.
+
+        A change that was undone counts against its target and against what was passed over on the way back,
+        as that would not have lasted either.
+        """
         made = [m for m in self.made if m.function == function.name and now_ns - m.time_ns < HOUR_NS]
         if made and len(made) + 2 > function.changes_per_hour:
             why = f"{len(made)} changes within the hour, and at most {function.changes_per_hour} are made"
@@ -397,7 +401,7 @@ class Keeper:
             after
             for before, after in pairwise(made)
             if order.index(before.target) < order.index(before.source)
-            and order.index(after.target) > order.index(after.source)
+            and order.index(before.target) <= order.index(target) < order.index(after.target)
             and after.time_ns - before.time_ns < soon_ns
         ]
         if len(undone) >= MOST_UNDONE:

@@ -49,6 +49,8 @@ Weighed = tuple[tuple[str, ...], float | None]
 LETTERS = 160
 """Of a reason or a reading in a headline; all of it is in the record."""
 
+NONE_LEFT = "has no variant left"
+
 NUMBERS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
@@ -74,6 +76,8 @@ class Fallback(NamedTuple):
     variant: str | None  # None: none is left
     since_ns: int | None
     why: str  # not by a better one
+    doubt: str = ""  # why it is not known to work by this one
+    works: bool = True  # False: this one is active, and cannot do it
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,20 +192,30 @@ def starving(agent: str, since_ns: int) -> Told:
 
 
 def _fallbacks(robot: Robot) -> Iterator[Fallback]:
-    """Yield the functions that are known not to work by their best variant, in the order of the model."""
+    """Yield the functions that are known not to work by their best variant, in the order of the model.
+
+    Of one whose active variant is not known that no variant is left may be known.
+    """
     for name, state in robot.function_states().items():
         best = next(iter(state.standings), None)
-        if best is None or state.active == best:
+        if best is None:
             continue
-        if state.active is None:  # which is active is not known, but that none can be may be
-            if state.standings and all(one.admissible is False for one in state.standings.values()):
-                yield Fallback(name, None, None, state.standings[best].why)
+        if all(one.admissible is False for one in state.standings.values()):
+            yield Fallback(name, None, None, _measured(state.standings[best].why, robot))
+            continue
+        if state.active is None:
+            continue
+        standing = state.standings[state.active]
+        if standing.admissible is False:  # until it is changed
+            yield Fallback(name, state.active, None, _measured(standing.why, robot), works=False)
+            continue
+        if state.active == best:
             continue
         entry = robot.obs.get(Atom(ACTIVE, (name, state.active)))
         since_ns = None if entry is None else entry.onset_ns or entry.since_ns
-        yield Fallback(
-            name, state.active, since_ns, _measured(state.standings[best].why or state.held, robot)
-        )
+        why = state.standings[best].why or (state.held if state.waits is None else state.waits[1])
+        doubt = standing.why if standing.admissible is None else ""
+        yield Fallback(name, state.active, since_ns, _measured(why, robot), doubt)
 
 
 def _measured(why: str, robot: Robot) -> str:
@@ -296,9 +310,10 @@ def _working(functions: Sequence[Fallback]) -> list[str | int]:
     """Return by what functions work that do not work by their best variant, since when and why."""
     words: list[str | int] = []
     for one in functions[:MANY]:
-        how = "has no variant left" if one.variant is None else f"works by {one.variant}"
+        how = f"{'works' if one.works else 'cannot work'} by {one.variant}" if one.variant else NONE_LEFT
         words += [f"; {one.function} {how}", *_since(one.since_ns)]
         words += [f", as {short(one.why)}"] if one.why else []
+        words += [f"; whether it still does is unknown, as {short(one.doubt)}"] if one.doubt else []
     if len(functions) > MANY:
         words.append(f"; and {counted(len(functions) - MANY, 'more function')} not by the best variant")
     return words

@@ -38,7 +38,7 @@ from robomend_client.literals import Atom, parse_atom
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
-PARTS = ("stop", "state", "repair", "diagnosis", "moments", "graph", "obs", "board", "past")
+PARTS = ("stop", "state", "repair", "diagnosis", "findings", "moments", "graph", "obs", "board", "past")
 """Parts of the page, in its order."""
 
 PROBES = 5
@@ -77,8 +77,9 @@ async def robot_page(
         newest = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
         values |= {"repair": newest[0] if newest else None, "repairs": newest}
         values["headline"] = of_robot(state, values["repair"])
-    if "state" in wanted:
+    if "findings" in wanted:
         values["findings"] = await parts.repairs.findings(robot)
+    if "state" in wanted:
         values["quarantine"] = await parts.repairs.quarantined(robot)
         if state.stored.model is not None:
             model, _ = await parts.robots.models.current(state.stored.model)
