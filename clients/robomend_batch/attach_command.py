@@ -263,6 +263,8 @@ class _Attached:
             page = f"{url}/ui/robots/{wanted.name}"
             click.echo(f"the page: {page}")
             click.echo("It only observes. Ctrl-C ends it; `robomend attach --help` says what else it does.")
+            where = "" if url == f"http://127.0.0.1:{DEFAULT_PORT}" else f" --url {url}"
+            click.echo(f"What in its model is only believed: robomend drill {wanted.name} --plan{where}")
             show(page)
             self.watches = True
             asyncio.run(self._watch(stage, url, found, heard, agent))

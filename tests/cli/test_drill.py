@@ -12,6 +12,8 @@ from tests.api.conftest import TEDUSAR, running
 from tests.api.test_process import served
 
 from robomend.cli.commands import run
+from robomend.cli.drill_plan import only_believed
+from robomend.model.loading import load_text
 from robomend.settings import Settings
 from robomend_client.rest import Client
 
@@ -73,6 +75,10 @@ def test_a_plan_says_what_would_be_done_and_what_stands_in_the_way(tmp_path: Pat
         out = capsys.readouterr().out
         assert "told: the only diagnosis" in out
         assert "never: device-off:hokuyo: switch off channel 3" in out
+        assert "\nonly believed, as no drill here has shown it:\n" in out
+        assert (
+            "  map rests on scan: device-unplugged:hokuyo or node-killed:hokuyo_node would show it\n" in out
+        )
         for fault in plan["faults"]:  # by the name that --fault takes
             target = fault["topic"] or fault["component"]
             name = fault["kind"] + (f":{target}" if target else "")
@@ -106,3 +112,13 @@ def test_what_cannot_be_planned_is_refused(tmp_path: Path, capsys: Capture) -> N
         service.api("PUT", "/robots/r2", json={"model": "c17"})
         assert run(["drill", "r2", "--plan", "--url", service.url]) == 2
         assert "no component model" in capsys.readouterr().err
+
+
+def test_what_a_drill_has_seen_fail_together_is_not_only_believed() -> None:
+    parts = load_text(TEDUSAR, name="tedusar").parts
+    assert parts is not None
+    seen = {"showed": {"not ok(scan)": 0.4, "not ok(map)": 1.2}}
+    before = only_believed(parts, [], [{"seen": None}, {"seen": {"showed": {"not ok(map)": 1.0}}}])
+    after = only_believed(parts, [], [{"seen": seen}])
+    [shown] = [one for one in before if one not in after]
+    assert shown == {"topic": "map", "rests_on": "scan", "publisher": "hokuyo_node", "shown_by": []}

@@ -69,21 +69,20 @@ def command(
     last = None if against is None else _read(against)
     from robomend.cli import drill_plan
 
-    obstacles, faults, complete, observers = drill_plan.asked(robot, url, key)
+    found = drill_plan.asked(robot, url, key)
     if plan:
         if format_ == "json":
-            found = drill_plan.plan_json(robot, obstacles, faults, complete, observers)
-            click.echo(json.dumps(found, ensure_ascii=False))
+            click.echo(json.dumps(drill_plan.plan_json(robot, found), ensure_ascii=False))
         else:
-            drill_plan.show_plan(robot, obstacles, faults, complete)
-        return REFUSED if obstacles else 0
-    chosen = _chosen(faults, wanted, by_hand)
+            drill_plan.show_plan(robot, found)
+        return REFUSED if found.obstacles else 0
+    chosen = _chosen(found.faults, wanted, by_hand)
     if not yes:
         _ask(robot, chosen)
     from robomend.cli.drill_run import Bounds, carried_out, show
 
-    rows = carried_out(robot, chosen, Bounds(bound_s, detect_s, reason), observers, url, key)
-    return show(robot, rows, last, complete=complete, as_json=format_ == "json")
+    rows = carried_out(robot, chosen, Bounds(bound_s, detect_s, reason), found.observers, url, key)
+    return show(robot, rows, last, complete=found.complete, as_json=format_ == "json")
 
 
 def _read(against: Path) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -14,15 +14,30 @@ from robomend.cli.tables import diagnoses
 from robomend.errors import InputError
 
 if TYPE_CHECKING:
+    from robomend.model.components import ComponentModel
     from robomend.planning.drill import PlantableFault
     from robomend.robots.configuration import RobotConfig
     from robomend_client.rest import Client
 
+DRILLS = 200
+"""So many of the robot's latest drills are looked at for what they have shown."""
 
-def asked(
-    robot: str, url: str, key: str | None
-) -> tuple[list[str], list[PlantableFault], bool, dict[str, str]]:
-    """Return what stands in the way, the faults, whether they are all, and who observes what."""
+MOST_ARROWS = 20
+"""Of the arrows that are only believed, so many are printed."""
+
+
+class DrillPlan(NamedTuple):
+    """What could be planted on a robot."""
+
+    obstacles: list[str]  # that stand in the way now
+    faults: list[PlantableFault]
+    complete: bool  # they are all
+    observers: dict[str, str]  # atom -> who reports it, of its agents
+    believed: list[dict[str, Any]]  # arrows of the model that no drill has shown, see `only_believed`
+
+
+def asked(robot: str, url: str, key: str | None) -> DrillPlan:
+    """Ask a service for a robot, and return the plan."""
     from robomend.drills.permission import board_of, nobody_for
     from robomend.model.loading import load_text
     from robomend.planning.drill import MOST_FAULTS, drill_plan
@@ -48,6 +63,7 @@ def asked(
         ]
         observed = observables_at_hand(config, system, agents)
         obstacles = list(_obstacles(client, state, config, bool(observed)))
+        drills = client.drills(robot, limit=DRILLS)["items"]
     faults = drill_plan(
         system.extended(expected_stopped=system.named(config.expected_stopped)),
         system.parts,
@@ -61,7 +77,29 @@ def asked(
         for one in islice(faults, MOST_FAULTS + 1)
     ]
     who = {str(atom): f"agent {agent.agent}" for agent in agents for atom in agent.observes}
-    return obstacles, found[:MOST_FAULTS], len(found) <= MOST_FAULTS, who
+    complete, found = len(found) <= MOST_FAULTS, found[:MOST_FAULTS]
+    return DrillPlan(obstacles, found, complete, who, only_believed(system.parts, found, drills))
+
+
+def only_believed(
+    parts: ComponentModel, faults: Sequence[PlantableFault], drills: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return which topics rest on which by the model alone, each with the faults that would show it: in no
+    drill were both seen to fail.
+    """
+    shown = [set(drill["seen"]["showed"]) for drill in drills if drill["seen"]]
+    would = {one.name: set(map(str, one.shows)) for one in faults if one.refused is None}
+    publishers = {topic: node.name for node in parts.nodes.values() for topic in node.publishes}
+    found = []
+    for node in parts.nodes.values():
+        for topic, inputs in node.publishes.items():
+            for each in publishers.keys() & set(inputs):
+                both = {f"not ok({topic})", f"not ok({each})"}
+                if not any(both <= one for one in shown):
+                    by = [name for name, shows in would.items() if both <= shows]
+                    arrow = {"topic": topic, "rests_on": each, "publisher": publishers[each]}
+                    found.append({**arrow, "shown_by": by})
+    return sorted(found, key=lambda arrow: (arrow["topic"], arrow["rests_on"]))
 
 
 def _obstacles(
@@ -91,19 +129,14 @@ def _obstacles(
             yield f"the repair {repair['id']} is {repair['state']}"
 
 
-def plan_json(
-    robot: str,
-    obstacles: Sequence[str],
-    faults: Sequence[PlantableFault],
-    complete: bool,
-    observers: Mapping[str, str],
-) -> dict[str, Any]:
+def plan_json(robot: str, plan: DrillPlan) -> dict[str, Any]:
     """Return the plan as `--format json` prints it."""
     return {
         "robot": robot,
-        "obstacles": list(obstacles),
-        "faults": [fault_json(fault, observers) for fault in faults],
-        "complete": complete,
+        "obstacles": plan.obstacles,
+        "faults": [fault_json(fault, plan.observers) for fault in plan.faults],
+        "complete": plan.complete,
+        "believed": plan.believed,
     }
 
 
@@ -131,12 +164,12 @@ def fault_json(fault: PlantableFault, observers: Mapping[str, str] | None = None
     }
 
 
-def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool) -> None:
+def show_plan(robot: str, plan: DrillPlan) -> None:
     """Print the plan for people."""
-    for obstacle in obstacles:
+    for obstacle in plan.obstacles:
         click.echo(f"refused now: {obstacle}")
     click.echo(f"what could be planted on {robot}; nothing is done")
-    for fault in faults:
+    for fault in plan.faults:
         if fault.refused is None:
             shows = ", ".join(map(str, fault.shows)) or "nothing"
             click.echo(f"\n  {fault.name}: {fault.act}; undo: {fault.undo}")
@@ -144,11 +177,18 @@ def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFa
             if fault.remedies:
                 click.echo(f"      remedies of the model: {', '.join(fault.remedies)}")
     click.echo()
-    for fault in faults:
+    for fault in plan.faults:
         if fault.refused is not None:
             click.echo(f"never: {fault.name}: {fault.act}: {fault.refused}")
-    if not complete:
-        click.echo(f"there are more: the first {len(faults)} are shown")
+    if not plan.complete:
+        click.echo(f"there are more: the first {len(plan.faults)} are shown")
+    if plan.believed:
+        click.echo("\nonly believed, as no drill here has shown it:")
+    for arrow in plan.believed[:MOST_ARROWS]:
+        by = " or ".join(arrow["shown_by"][:2]) or f"to stop {arrow['publisher']} by hand"
+        click.echo(f"  {arrow['topic']} rests on {arrow['rests_on']}: {by} would show it")
+    if (more := len(plan.believed) - MOST_ARROWS) > 0:
+        click.echo(f"  and {more} more")
 
 
 def promised(fault: PlantableFault) -> str:
