@@ -143,7 +143,7 @@ class HealthWatch:
                 "state": str(how),
                 "unknown": [str(atom) for atom in unknown],
             }
-            if not state.revision:  # nothing ever: it was just set up
+            if not state.revision and not state.obs.entries():  # nothing ever: it was just set up
                 data["reported"] = False
             self._background.begin(
                 self._store.write(partial(_tell, robot, data)), "event of what is not observed"
