@@ -72,6 +72,11 @@ def lasting_name(node: str) -> str:
     return EACH_START.sub("", node)
 
 
+def logged_by(logger: str) -> str:
+    """Return the lasting name of the node that a line of a log names: robot1.camera is /robot1/camera."""
+    return lasting_name("/" + logger.strip("/").replace(".", "/"))
+
+
 @dataclass(frozen=True)
 class HeardTopic:
     """What came of a topic while somebody listened. Times are of one clock, in nanoseconds."""

@@ -29,7 +29,7 @@ from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
 from robomend_client.observers.rosout import reaches
-from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name
+from robomend_client.ros_graph import Ear, Heard, HeardStatus, RosGraph, lasting_name, logged_by
 
 MOST_TIMES = 5_000_000
 MOST_VALUES = 20_000
@@ -380,7 +380,7 @@ class _Reader:
                 line = self._lines[number](data)
                 if reaches(int(line.level), "error"):
                     assert self._found.errors is not None
-                    self._found.errors[lasting_name(f"/{line.name.strip('/').replace('.', '/')}")] += 1
+                    self._found.errors[logged_by(line.name)] += 1
                 return
             if number in self._diagnostics:
                 for status in self._diagnostics[number](data):

@@ -24,8 +24,9 @@ from robomend_client.beats import beat
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.opened import OpenedMessage
 from robomend_client.bridges.problems import Problems
+from robomend_client.observers.rosout import reaches
 from robomend_client.python310 import end
-from robomend_client.ros_graph import Ear, Heard, HeardDevice, HeardStatus, RosGraph, lasting_name
+from robomend_client.ros_graph import Ear, Heard, HeardDevice, HeardStatus, RosGraph, lasting_name, logged_by
 
 if TYPE_CHECKING:  # what they need may not be installed
     from robomend_client.bridges.ros1.node import RosNode
@@ -41,7 +42,6 @@ LOOK_S = 0.5
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 ROSOUT = "/rosout"
 LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
-ERROR_FROM = {LOGS[0]: 8, LOGS[1]: 40}
 TRANSITION = "lifecycle_msgs/TransitionEvent"
 NOISY = {"sensor_msgs/Imu": "linear_acceleration.z", "sensor_msgs/LaserScan": "ranges[:20]"}
 """Fields that are never twice the same, of sensors that work: where they have noise, which is looked for."""
@@ -248,9 +248,8 @@ class Hearing(ABC):
                 value = message.at(NOISY[kind])
                 before, changed, came = self._values.get(topic, (None, 0, 0))
                 self._values[topic] = (value, changed + (value != before), came + 1)
-            elif kind in LOGS and int(message.at("level")) >= ERROR_FROM[kind]:
-                named = str(message.at("name"))
-                self._errors[lasting_name("/" + named.removeprefix("/").replace(".", "/"))] += 1
+            elif kind in LOGS and reaches(int(message.at("level")), "error"):
+                self._errors[logged_by(str(message.at("name")))] += 1
         except (MissingField, UnreadableMessage, TypeError, ValueError, KeyError) as error:
             self.problems.tell(f"messages of {topic} by {node}", str(error))
 

@@ -504,8 +504,7 @@ class StartUps:
         have.
         """
         ends = [
-            self._power_ns(name, seen)
-            + (BOOTS_NS if device.boot_s is None else _with_room(_ns(device.boot_s)))
+            self._power_ns(name, seen) + _may_boot_ns(device)
             for name, device in parts.hardware.items()
             if self._power_ns(name, seen)
         ]
@@ -519,11 +518,10 @@ class StartUps:
         for node in parts.nodes.values():
             waits_for = () if node.restartable else self._devices(node, parts)
             for device in (each for each in waits_for if each in devices and self._power_ns(each, seen)):
-                boot_s = parts.hardware[device].boot_s
                 topics = (Atom("ok", (topic,)) for topic in node.publishes)
                 heard_ns = max((seen.delays(atom).settling_ns for atom in topics), default=0) + SLACK_NS
-                booted_ns = BOOTS_NS if boot_s is None else _with_room(_ns(boot_s))
-                ends.append(self._power_ns(device, seen) + booted_ns + heard_ns)
+                booted_ns = self._power_ns(device, seen) + _may_boot_ns(parts.hardware[device])
+                ends.append(booted_ns + heard_ns)
         return max(ends)
 
     def needs_s(self, name: str, parts: ComponentModel) -> float:
@@ -592,6 +590,11 @@ def _ns(seconds: float | None) -> int:
 def _about(known_ns: int) -> int:
     """Return what to try after what has taken so long, where in vain means to try once more."""
     return known_ns + max(known_ns // 8, LEAST_NS) if known_ns else 0
+
+
+def _may_boot_ns(device: Hardware) -> int:
+    """Return how long a device may boot, whether or not the model says."""
+    return BOOTS_NS if device.boot_s is None else _with_room(_ns(device.boot_s))
 
 
 def _with_room(known_ns: int) -> int:
