@@ -11,17 +11,17 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from robomend.batches import states as batches
+from robomend.batches import record as batches
 from robomend.cli.schema import FILES, schema_name, schema_text
-from robomend.drills import states as drills
-from robomend.repairs import states
+from robomend.drills import record as drills
+from robomend.repairs import states as repairs
 from robomend.transitions import diagram
 
 PAGES = Path(__file__).parent
 EXAMPLES = PAGES.parent / "examples"
 
 DIAGRAMS = {
-    "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
+    "repair": diagram(repairs.REPAIR, repairs.INITIAL, together=("any open state", repairs.OPEN)),
     "drill": diagram(
         drills.DRILL,
         drills.INITIAL,

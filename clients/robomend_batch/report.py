@@ -14,9 +14,8 @@ from html import escape
 
 from robomend.diagnosis.result import Options
 from robomend.errors import InputError
-from robomend.oneshots.question import question
 from robomend.oneshots.result_json import result_json
-from robomend.oneshots.warm_model import WarmModel
+from robomend.oneshots.warm_model import WarmModel, question
 from robomend.web.timeline import BAD, GOOD, Mark, Span, Timeline, svg
 from robomend_batch.answers import FAULTY
 from robomend_batch.one_log import Record

@@ -34,7 +34,7 @@ from robomend.diagnosis.wcnf import read_wcnf
 from robomend.errors import InputError
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
-from robomend_bench.circuit_faults import observe_mutated, read_circuit
+from robomend_bench.generator import observe_mutated, read_circuit
 from robomend_bench.suite import DATA
 from robomend_client.counts import counted
 from robomend_client.literals import Literal

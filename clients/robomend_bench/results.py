@@ -44,7 +44,7 @@ class Sample:
     result: tuple[int | None, ...] | None = None
     shown: int | None = None
     note: str = ""
-    cost: float | None = None  # of a plan, see robomend_bench.costs
+    cost: float | None = None  # of a plan, see robomend_bench.tables
     bound: float = 1.0
 
 

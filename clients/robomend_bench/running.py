@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from robomend_bench.costs import too_dear
 from robomend_bench.results import Built, Run, Sample, Status, disagreements, now, this_machine
 from robomend_bench.suite import Answer, Group, Suite, Wish
+from robomend_bench.tables import too_dear
 from robomend_bench.worker import Contestant
 
 WARM_UP = (0, 0, -1)

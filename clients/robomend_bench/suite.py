@@ -100,7 +100,7 @@ class Answer:
     shown: int | None = None  # for the table: how many diagnoses
     calls: int = 1  # one measurement may hold many calls of some microseconds; the time is divided
     seconds: float | None = None  # a published figure, which is taken instead of the time measured
-    cost: float | None = None  # of a plan, see robomend_bench.costs
+    cost: float | None = None  # of a plan, see robomend_bench.tables
     bound: float = 1.0  # how many times the cheapest cost that is known this contender may need
     note: str = ""  # why it is not complete
 

@@ -38,8 +38,7 @@ from robomend_demo.cast import (
 from robomend_demo.devices import DeviceFault
 from robomend_demo.record import Heard, Record, record
 from robomend_demo.scenarios import DEAD_LIDAR, HUNG_DEVICE, POWER_UP, SHUT_DOWN, Scenario
-from robomend_demo.screen import Screen
-from robomend_demo.view import RobotView
+from robomend_demo.screen import RobotView, Screen
 
 # --- follows the service's events on a thread, so that each has the time at which it came.
 

@@ -14,7 +14,7 @@ from tests.api.test_typed_repairs import described
 from tests.waiting import until
 
 from robomend.api.schemas.audit import AuditOut
-from robomend.drills.states import DrillState
+from robomend.drills.record import DrillState
 from robomend.repairs.states import RepairState
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK

@@ -15,8 +15,7 @@ from tests.clients.service_double import eventually
 from tests.distributions import install
 
 from robomend_client.actions import FAILED, OK, REFUSED, Action, ActionResult
-from robomend_client.agent.executors.base import ActionExecutor, Executors
-from robomend_client.agent.executors.kinds import KINDS, ActionSpec, read_actions
+from robomend_client.agent.executors.base import KINDS, ActionExecutor, ActionSpec, Executors, read_actions
 from robomend_client.agent.executors.program import Program
 from robomend_client.agent.executors.ros_programs import (
     CallService,

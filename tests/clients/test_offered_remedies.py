@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robomend_client.agent.executors.kinds import read_actions
+from robomend_client.agent.executors.base import read_actions
 from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.ros_graph import RosGraph
 from robomend_client.yaml_reader import read

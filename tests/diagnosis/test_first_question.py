@@ -13,7 +13,7 @@ from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.sat import SatEngine
 from robomend.model.loading import load_text
-from robomend_bench.circuit_faults import observe_faulty, read_circuit
+from robomend_bench.generator import observe_faulty, read_circuit
 from robomend_bench.suite import DATA
 from robomend_client.literals import fails, holds
 

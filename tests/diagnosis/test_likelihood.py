@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.diagnosis.likelihood import likelihood, works_in_part
+from robomend.diagnosis.ranking import likelihood, works_in_part
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.observations.language import parse

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.drills.states import (
+from robomend.drills.record import (
     DRILL,
     ENDS,
     INITIAL,

@@ -9,7 +9,7 @@ import pytest
 from robomend.diagnosis.result import Options
 from robomend.errors import InputError, ObservationError, UnknownComponent
 from robomend.model.loading import load_text
-from robomend.oneshots.question import given_diagnosis, question, sentences_of, supposing
+from robomend.oneshots.warm_model import given_diagnosis, question, sentences_of, supposing
 from robomend_client.literals import fails, holds
 
 ROBOT = load_text(

@@ -17,8 +17,7 @@ from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, intervals,
 from robomend.cli.commands import run
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_model
-from robomend.oneshots.question import question
-from robomend.oneshots.warm_model import WarmModel
+from robomend.oneshots.warm_model import WarmModel, question
 from robomend_batch.commands import batch
 from robomend_batch.parts import schema
 from robomend_client.observers.base import SECOND

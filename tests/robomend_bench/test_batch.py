@@ -13,10 +13,9 @@ from rosbags.rosbag1 import Reader
 
 from robomend.cli.models import load
 from robomend_bench.batch import drives
-from robomend_bench.batch.command import command, on_cores
+from robomend_bench.batch.command import command, on_cores, write_model, write_recording, write_states
 from robomend_bench.batch.drives import BEGIN_S, Planted
 from robomend_bench.batch.learning import Score, rate
-from robomend_bench.batch.workload import write_model, write_recording, write_states
 from robomend_client.literals import parse_atom
 
 

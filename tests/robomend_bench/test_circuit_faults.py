@@ -11,7 +11,7 @@ from robomend.diagnosis.engines import make_engine
 from robomend.errors import ModelError
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
-from robomend_bench.circuit_faults import FUNCTIONS, Circuit, observe_faulty, read_circuit
+from robomend_bench.generator import FUNCTIONS, Circuit, observe_faulty, read_circuit
 from robomend_bench.suite import DATA
 from robomend_client.literals import Atom, Literal
 

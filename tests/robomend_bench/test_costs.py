@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robomend_bench.costs import comparisons, too_dear
 from robomend_bench.results import Run, Sample
+from robomend_bench.tables import comparisons, too_dear
 
 EXACT = Sample("g", 9, "q1", "exact", 0, "ok", 0.1, (), 3, cost=20.0, bound=1.0)
 NEAR = replace(EXACT, contender="near", bound=1.1)

@@ -16,7 +16,7 @@ from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.model.loading import load_text
-from robomend_bench.circuit_faults import observe_mutated, read_circuit
+from robomend_bench.generator import observe_mutated, read_circuit
 from robomend_bench.mutated import as_wcnf, command
 from robomend_bench.suite import DATA
 

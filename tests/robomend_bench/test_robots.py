@@ -12,7 +12,8 @@ from tests.packages import KILTED
 from tests.ros1 import ros1
 from tests.ros2 import domain, ros2
 
-from robomend_bench.robots import live, streams
+from robomend_bench.robots import command as streams
+from robomend_bench.robots import live
 from robomend_bench.robots import ros1 as bench_ros1
 from robomend_bench.robots import ros2 as bench_ros2
 from robomend_bench.robots.command import PARTS, command

@@ -11,8 +11,8 @@ from tests.robomend_demo.records import restarted
 from robomend_demo.cast import GENERAL_OBSERVERS
 from robomend_demo.command import command
 from robomend_demo.figures import figures
+from robomend_demo.report import scenario_json
 from robomend_demo.scenarios import SCENARIOS
-from robomend_demo.story import scenario_json
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "demo.md").read_text(encoding="utf-8")

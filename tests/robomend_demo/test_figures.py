@@ -9,7 +9,7 @@ from tests.robomend_demo.records import restarted
 
 from robomend.web.timeline import Span
 from robomend_demo.figures import figures, percentile, union_ns
-from robomend_demo.story import scenario_json, spans, timeline
+from robomend_demo.report import scenario_json, spans, timeline
 
 INTERVALS = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)), max_size=8)
 

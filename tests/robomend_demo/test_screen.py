@@ -12,8 +12,7 @@ from tests.robomend_demo.records import restarted
 from robomend.model.loading import load_model
 from robomend.resources import resource
 from robomend_client.events import Event, Kind
-from robomend_demo.screen import Lines, Picture, picture, tell
-from robomend_demo.view import RobotView
+from robomend_demo.screen import Lines, Picture, RobotView, picture, tell
 
 COMPONENTS = ["h", "n"]
 MS = 1_000_000

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robomend_client.observers.student_t import critical
+from robomend_client.observers.general import critical
 
 LIGHTEST, HEAVIEST = 0.25, 0.5
 """Bounds of ξ."""

@@ -37,10 +37,9 @@ from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
 from robomend_client.bridges.fields import MissingField
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import SECOND
+from robomend_client.observers.base import SECOND, Listener
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
-from robomend_client.observers.listener import Listener
 from robomend_client.observers.problems import ObserverProblem
 from robomend_client.observers.recording import replay_line
 from robomend_client.ros_graph import lasting_name

@@ -1,11 +1,15 @@
 """The command `robomend-bench batch`: how fast logs are diagnosed by robomend-batch, start-up included, and
 how good the observers are that it learns.
+
+The logs are the states of a random robot as Parquet, and a recording with messages of all sizes.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import random
+import struct
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -16,12 +20,142 @@ from time import perf_counter
 from typing import Any
 
 import click
+import numpy as np
+import polars as pl
+import yaml
+from mcap.writer import Writer
 
 from robomend.errors import BackendError
-from robomend_bench.batch import drives, edited, learning, workload
+from robomend_bench.batch import drives, edited, learning
+from robomend_bench.generator import make_robot
 from robomend_bench.parts import only
 from robomend_bench.service.process import load_of_others, processors
 from robomend_client.counts import counted
+from robomend_client.observers.base import SECOND
+
+COMPONENTS, SENSORS = 50, 20
+
+BLOCK = 1 << 20
+"""Rows that are written together."""
+
+CHANGES = 0.05
+"""Share of rows that differ from the one before."""
+
+
+def write_model(file: Path, seed: int) -> list[str]:
+    """Write the model of a robot; return atoms that are observed of it."""
+    robot = make_robot(COMPONENTS, seed)
+    model = robot.model
+    description = {
+        "robomend": 1,
+        "name": model.name,
+        "channels": model.channels,
+        "hardware": {
+            name: {} if device.channel is None else {"channel": device.channel}
+            for name, device in model.hardware.items()
+        },
+        "nodes": {
+            name: {
+                "drives": list(node.drives),
+                "publishes": {topic: list(inputs) for topic, inputs in node.publishes.items()},
+            }
+            for name, node in model.nodes.items()
+        },
+    }
+    file.write_text(yaml.safe_dump(description, sort_keys=False))
+    return random.Random(seed).sample(sorted(map(str, robot.cnf.atom_variable)), SENSORS)
+
+
+def write_states(file: Path, atoms: list[str], rows: int, distinct: int, seed: int) -> None:
+    """Write a wide log of so many rows with so many distinct states of noise, in blocks."""
+    chance = np.random.default_rng(seed)
+    codes = (
+        chance.permutation(1 << SENSORS)[:distinct]
+        if distinct > 1 << (SENSORS - 4)
+        else noise(chance, distinct)
+    )
+    distinct = len(codes)
+    frames = []
+    newest = 0
+    used = 0
+    for start in range(0, rows, BLOCK):
+        count = min(BLOCK, rows - start)
+        if distinct >= rows:
+            which = np.arange(start, start + count) % distinct
+        else:
+            changed = chance.random(count) < CHANGES
+            fresh = np.flatnonzero(changed)
+            states = np.empty(count, dtype=np.int64)
+            states[fresh] = [(used + place) % distinct for place in range(len(fresh))]  # each of them occurs
+            used += len(fresh)
+            last = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
+            which = np.where(last < 0, newest, states[np.maximum(last, 0)])
+            newest = int(which[-1])
+        seen = codes[which]
+        columns = {atom: (seen >> place & 1).astype(bool) for place, atom in enumerate(atoms)}
+        time = np.arange(start, start + count, dtype=np.int64) * 10_000_000
+        part = file.with_name(f"{file.stem}-{start}.part")
+        pl.DataFrame({"time": time, **columns}).write_parquet(part)
+        frames.append(part)
+    pl.scan_parquet(frames).sink_parquet(file)
+    for part in frames:
+        part.unlink()
+
+
+def noise(chance: np.random.Generator, distinct: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return different states in which each sensor is mostly as it should be."""
+    drawn = chance.random((4 * distinct, SENSORS)) < 0.7
+    codes = np.unique(drawn @ (1 << np.arange(SENSORS, dtype=np.int64)))
+    return chance.permutation(codes)[:distinct]
+
+
+SIZES = (("camera", 9_000, 30), ("state", 64, 100))
+
+TOPICS = {f"{name}{number}": (size, hz) for name, size, hz in SIZES for number in range(5)}
+"""Topic -> bytes of a message, messages a second."""
+
+NOISE = 1 << 23
+"""Bytes of noise that messages are cut from: many chunks, so that none holds the same twice."""
+
+
+def write_recording(file: Path, megabytes: int) -> int:
+    """Write an .mcap of this size with 10 topics; return the number of messages.
+
+    Their data are noise, as those of cameras and scanners nearly are: of zeros, a packed file would be
+    a hundredth of the size.
+    """
+    definition = (
+        "std_msgs/Header header\nfloat64 value\nuint8[] data\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
+    )
+    definition += "builtin_interfaces/Time stamp\nstring frame_id\n" + "=" * 80
+    definition += "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    second = sorted(
+        (number / hz, topic, size) for topic, (size, hz) in TOPICS.items() for number in range(hz)
+    )
+    noise = random.Random(megabytes).randbytes(NOISE + max(size for size, _ in TOPICS.values()))
+    count = written = 0
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=1 << 20)
+        writer.start(profile="ros2", library="robomend-bench")
+        schema = writer.register_schema("bench_msgs/msg/Sample", "ros2msg", definition.encode())
+        channels = {topic: writer.register_channel(f"/{topic}", "cdr", schema) for topic in TOPICS}
+        seconds = 0
+        while written < megabytes * 1_000_000:
+            for offset, topic, size in second:
+                at_ns = seconds * SECOND + round(offset * SECOND)
+                head = (
+                    b"\0\1\0\0" + struct.pack("<iII", seconds, round(offset * SECOND), 5) + b"base" + bytes(8)
+                )
+                head += struct.pack("<dI", float(seconds), size)
+                begin = written % NOISE
+                data = head + noise[begin : begin + size]
+                writer.add_message(channels[topic], at_ns, data, at_ns)
+                written += len(data)
+                count += 1
+            seconds += 1
+        writer.finish()  # type: ignore[no-untyped-call]  # the library's
+    return count
+
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -94,12 +228,12 @@ def median(measure: Callable[[], tuple[float, float]], repeats: int) -> tuple[fl
 
 def _literals(wish: dict[str, Any], folder: Path) -> Measured:
     model = folder / "model.yaml"
-    atoms = workload.write_model(model, wish["seed"])
+    atoms = write_model(model, wish["seed"])
     found, rows = {}, []
     count = wish["rows"]
     for share, goal in ((0.001, "2 M; stretch 4 M"), (0.01, "500,000; stretch 1 M")):
         log = folder / "states.parquet"
-        workload.write_states(log, atoms, count, max(1, round(count * share)), wish["seed"])
+        write_states(log, atoms, count, max(1, round(count * share)), wish["seed"])
         seconds, megabytes = median(
             partial(batch, wish["clock"], folder, model, [log], *ONCE), wish["repeats"]
         )
@@ -111,10 +245,10 @@ def _literals(wish: dict[str, Any], folder: Path) -> Measured:
 
 def _distinct(wish: dict[str, Any], folder: Path) -> Measured:
     model = folder / "model.yaml"
-    atoms = workload.write_model(model, wish["seed"])
+    atoms = write_model(model, wish["seed"])
     count = min(wish["rows"] // 100, 100_000)
     log = folder / "distinct.parquet"
-    workload.write_states(log, atoms, count, count, wish["seed"])
+    write_states(log, atoms, count, count, wish["seed"])
     seconds, megabytes = median(
         partial(batch, wish["clock"], folder, model, [log], *ONCE, "--limit", "0"), wish["repeats"]
     )
@@ -131,8 +265,8 @@ def _recording(wish: dict[str, Any], folder: Path) -> Measured:
     rates.write_text(RATES)
     both.write_text(RATES + VALUES)
     log, small = folder / "log.mcap", folder / "small.mcap"
-    count = workload.write_recording(log, wish["megabytes"])
-    workload.write_recording(small, 1)
+    count = write_recording(log, wish["megabytes"])
+    write_recording(small, 1)
     clock, repeats = wish["clock"], wish["repeats"]
 
     def with_observers(file: Path, observers: Path) -> tuple[float, float]:
@@ -158,11 +292,11 @@ def _recording(wish: dict[str, Any], folder: Path) -> Measured:
 
 def _workers(wish: dict[str, Any], folder: Path) -> Measured:
     model = folder / "model.yaml"
-    atoms = workload.write_model(model, wish["seed"])
+    atoms = write_model(model, wish["seed"])
     count = wish["rows"]
     logs = [folder / f"part{number}.parquet" for number in range(4)]
     for number, log in enumerate(logs):
-        workload.write_states(log, atoms, count, max(1, count // 100), wish["seed"] + number)
+        write_states(log, atoms, count, max(1, count // 100), wish["seed"] + number)
     found = {}
     for workers in ("1", "2"):
         measured = partial(batch, wish["clock"], folder, model, logs, "--workers", workers)
@@ -179,11 +313,11 @@ def _workers(wish: dict[str, Any], folder: Path) -> Measured:
 
 def _memory(wish: dict[str, Any], folder: Path) -> Measured:
     model = folder / "model.yaml"
-    atoms = workload.write_model(model, wish["seed"])
+    atoms = write_model(model, wish["seed"])
     found = {}
     for count in (wish["rows"] // 10, wish["rows"], 3 * wish["rows"]):
         log = folder / "long.parquet"
-        workload.write_states(log, atoms, count, 1000, wish["seed"])
+        write_states(log, atoms, count, 1000, wish["seed"])
         _, found[f"{count:,}"] = batch("wall", folder, model, [log], "--workers", "0")
     shown = "; ".join(f"{count} rows {megabytes:.0f} MB" for count, megabytes in found.items())
     return found, [("memory, one log", shown, "flat, under 500 MB")]

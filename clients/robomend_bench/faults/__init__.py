@@ -23,5 +23,5 @@ A trial
 Exemplars of others
     sunset.py, suave.py, exemplars.py   their systems, the rival's rules, and both with the service
 The score
-    scoring.py, intervals.py, figures.py, report.py, command.py
+    scoring.py, intervals.py, report.py, command.py
 """

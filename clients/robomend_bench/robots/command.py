@@ -1,10 +1,17 @@
-"""The command `robomend-bench robots`: what the robot's side takes, and how fast the service knows."""
+"""The command `robomend-bench robots`: what the robot's side takes, and how fast the service knows.
+
+Observers run over streams in memory, too: how fast they are, when they report silence, how often without
+reason. The samples go through the driver, as in the agent and over logs; time is that of the samples.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+import random
 import tempfile
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -12,9 +19,81 @@ from typing import Any
 import click
 
 from robomend_bench.parts import only
-from robomend_bench.robots import live, power, ros, ros1, ros2, streams
+from robomend_bench.robots import live, power, ros, ros1, ros2
 from robomend_bench.service.process import load_of_others, processors, served
-from robomend_client.observers import Rate
+from robomend_client.observers import (
+    SECOND,
+    Driver,
+    GeneralObserver,
+    Observer,
+    QualitativeObserver,
+    Rate,
+    Trend,
+    ns,
+)
+
+HZ = 10.0
+JITTER = 0.05
+LOST = 0.001
+PERIOD_NS = ns(1 / HZ)
+
+
+def rate() -> GeneralObserver:
+    """Return an observer of rate and silence that is asked each half second."""
+    return GeneralObserver("scan", Rate(HZ, check_s=0.5))
+
+
+def trend() -> QualitativeObserver:
+    """Return an observer of a trend that gives a verdict with each sample."""
+    return QualitativeObserver("x", "odom:x", Trend(check_s=0.0))
+
+
+def samples_a_second(make: Callable[[], Observer], samples: int, repeats: int) -> list[float]:
+    """Return the samples a second of processor time, of each repeat, one topic at 10 Hz of log time."""
+    stream = [(k * PERIOD_NS, math.sin(k / 50)) for k in range(samples)]
+    found = []
+    for _ in range(repeats):
+        observer = make()
+        (source,) = observer.sources
+        take = Driver([observer], 0).sample
+        began = time.process_time()
+        for time_ns, value in stream:
+            take(source, time_ns, value)
+        found.append(samples / (time.process_time() - began))
+    return sorted(found)
+
+
+def imperfect(messages: int, seed: int, lost: float = LOST) -> Sequence[int]:
+    """Return the times of a topic with 5 % jitter of which a share of the messages is lost."""
+    draw = random.Random(seed)
+    times_ns = []
+    time_s = 0.0
+    for _ in range(messages):
+        time_s += (1 + draw.uniform(-JITTER, JITTER)) / HZ
+        if draw.random() >= lost:
+            times_ns.append(ns(time_s))
+    return times_ns
+
+
+def alarms(messages: int, seed: int, lost: float, expected: Rate) -> int:
+    """Return how often an observer called an imperfect topic not ok."""
+    driver = Driver([GeneralObserver("scan", expected)], 0)
+    changes = [c for time_ns in imperfect(messages, seed, lost) for c in driver.sample("scan", time_ns)]
+    return sum(c.value is not None and not c.value.positive for c in changes)
+
+
+def silences_s(count: int, seed: int) -> list[float]:
+    """Return the times from the last message to `not ok`, default settings, sorted."""
+    found = []
+    for number in range(count):
+        driver = Driver([GeneralObserver("scan", Rate(HZ))], 0)
+        times_ns = imperfect(random.Random(number).randrange(50, 150), seed + number)
+        for time_ns in times_ns:
+            driver.sample("scan", time_ns)
+        (silent,) = driver.advance(times_ns[-1] + 10 * SECOND)
+        found.append((silent.time_ns - times_ns[-1]) / SECOND)
+    return sorted(found)
+
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -26,17 +105,17 @@ def _speed(wish: dict[str, Any]) -> Measured:
     found: dict[str, Any] = {}
     rows = []
     for name, make, goal in (
-        ("rate and silence, asked each 0.5 s of log time", streams.rate, "1,000,000; stretch 2,000,000"),
-        ("trend, a verdict each sample", streams.trend, "500,000; stretch 1,000,000"),
+        ("rate and silence, asked each 0.5 s of log time", rate, "1,000,000; stretch 2,000,000"),
+        ("trend, a verdict each sample", trend, "500,000; stretch 1,000,000"),
     ):
-        each = streams.samples_a_second(make, wish["samples"], wish["repeats"])
+        each = samples_a_second(make, wish["samples"], wish["repeats"])
         found[name] = {"median": round(each[len(each) // 2]), "best": round(each[-1])}
         rows.append((f"{name}, samples/s", f"{found[name]['median']:,} (best {found[name]['best']:,})", goal))
     return found, rows
 
 
 def _silence(wish: dict[str, Any]) -> Measured:
-    times = streams.silences_s(1000, wish["seed"])
+    times = silences_s(1000, wish["seed"])
     found = live.row(times)
     shown = f"median {found['median_s']:.2f} s, max {found['max_s']:.2f} s"
     return found, [("10 Hz topic silent to `not ok`, default settings, 1,000 times", shown, "0.5 s; 0.35 s")]
@@ -47,14 +126,14 @@ def _alarms(wish: dict[str, Any]) -> Measured:
     found: dict[str, Any] = {"messages": messages}
     rows = []
     for settings, expected, shares in (
-        ("default settings", Rate(streams.HZ), (streams.LOST, 0.002, 0.01)),
-        ("tolerance_hz 2", Rate(streams.HZ, 2.0), (0.01,)),
-        ("tolerance_hz 2, lost 6", Rate(streams.HZ, 2.0, lost=6), (0.01, 0.02)),
+        ("default settings", Rate(HZ), (LOST, 0.002, 0.01)),
+        ("tolerance_hz 2", Rate(HZ, 2.0), (0.01,)),
+        ("tolerance_hz 2, lost 6", Rate(HZ, 2.0, lost=6), (0.01, 0.02)),
     ):
         for lost in shares:
-            count = streams.alarms(messages, seed, lost, expected)
+            count = alarms(messages, seed, lost, expected)
             found.setdefault(settings, {})[f"{lost:.1%}"] = count
-            promised = "0" if (settings, lost) == ("default settings", streams.LOST) else ""
+            promised = "0" if (settings, lost) == ("default settings", LOST) else ""
             what = f"false alarms in {messages:,} messages, 5 % jitter, {lost:.1%} lost, {settings}"
             rows.append((what, str(count), promised))
     return found, rows

@@ -7,5 +7,5 @@ process.py   `robomend serve` as a process: started, announced, measured, killed
 wire.py      HTTP/1.1 over keep-alive sockets and event streams, as cheap as Python can
 load.py      robots that faults come to and leave: open loop, closed loops, NDJSON, overload, growth
 attack.py    hostile clients of every role and without a key, and what an operator waits meanwhile
-stops.py     cancellations and global stops in the middle of real repairs (repairing.py)
+stops.py     cancellations and global stops in the middle of real repairs
 """

@@ -15,8 +15,8 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend_bench import contenders
 from robomend_bench.baselines import RC2_OPTIONS
-from robomend_bench.circuit_faults import observe_faulty, read_circuit
 from robomend_bench.exporting import DiagnosisProblem, Exported
+from robomend_bench.generator import observe_faulty, read_circuit
 from robomend_bench.suite import ONE, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 

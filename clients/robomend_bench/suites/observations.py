@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robomend.errors import InputError
-from robomend_bench.circuit_faults import Circuit, read_circuit
+from robomend_bench.generator import Circuit, read_circuit
 from robomend_bench.suite import DATA, ONE, Group, Question, Wish
 from robomend_bench.suites.iscas85 import BY_DEFAULT, CIRCUITS, COLD, Circuits, Observed, compiled
 from robomend_client.literals import Atom, Literal

@@ -19,8 +19,8 @@ from robomend.errors import InputError
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend_bench import contenders
-from robomend_bench.circuit_faults import ATTEMPTS, Circuit, fault_of, read_circuit
 from robomend_bench.exporting import DiagnosisProblem, Exported
+from robomend_bench.generator import ATTEMPTS, Circuit, fault_of, read_circuit
 from robomend_bench.suite import Ask, Group, Question, Wish
 from robomend_bench.suites.made_circuits import made_circuit
 from robomend_client.literals import Atom, Literal

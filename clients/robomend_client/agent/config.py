@@ -17,7 +17,7 @@
     starved: 0.2                       # kept from the processor for more of the time, it is; false: never
     recording: {file: run.jsonl, mb: 64}   # what the observers are fed with, to be replayed
     moments: {record: true}            # what was there when something turned bad; and raw messages around it
-    actions:                           # executors/kinds.py
+    actions:                           # executors/base.py
       calibrate: {kind: process, command: [calibrate, "{arm}"], parameters: {arm: [left, right]}}
     processes:                         # what may be started and stopped; nothing else may
       hokuyo_node:
@@ -44,7 +44,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from robomend_client.agent.executors.kinds import ActionSpec, read_actions
+from robomend_client.agent.executors.base import ActionSpec, read_actions
 from robomend_client.agent.feeds import BUS, SECTIONS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
 from robomend_client.beats import MOST_LATE

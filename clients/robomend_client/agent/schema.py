@@ -6,11 +6,10 @@ import inspect
 from pathlib import Path
 
 from robomend_client.agent.config import TOP, read_config
-from robomend_client.agent.executors.kinds import KINDS
+from robomend_client.agent.executors.base import KINDS
 from robomend_client.agent.feeds import FEEDS, BrokenFeed, MissingExtra, load_feed
 from robomend_client.observers.schema import IN_A_FILE, by_kind, observer_schema, observing_sections
-from robomend_client.yaml_reader import ConfigError
-from robomend_client.yaml_schema import DRAFT, Schema, asked
+from robomend_client.yaml_reader import DRAFT, ConfigError, Schema, asked
 
 TEXTS = (
     """\

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from robomend_client.observers import SECOND, Change, Contact, GeneralObserver, ns
-from robomend_client.observers.listener import Listener
+from robomend_client.observers.base import Listener
 from robomend_client.ros_graph import UsualRate
 
 log = logging.getLogger(__name__)

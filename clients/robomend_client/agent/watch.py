@@ -24,7 +24,7 @@ from robomend_client.beats import BEAT_NS, MOST_LATE, Lateness
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Contact, Driver, Observer, Verdict, ns
-from robomend_client.observers.listener import Listener
+from robomend_client.observers.base import Listener
 from robomend_client.observers.recording import Recording
 
 log = logging.getLogger(__name__)

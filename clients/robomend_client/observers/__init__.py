@@ -3,15 +3,15 @@
 driver.py              feeds and asks them, live and over logs; read it after base.py
 combining.py           what several observers of one atom say together
 observer_state.py      what the driver keeps of each, and whose turn it is
-recording.py           what a driver took in (listener.py), and its replay
+recording.py           what a driver took in, and its replay
 problems.py            what is left out, and observers that fail
 kinds.py               all kinds by name, and the section `observers:` of a file
 
-general.py             GObs: ok(topic) by the rate of its messages; student_t.py
+general.py             GObs: ok(topic) by the rate of its messages
 node.py                NObs: running(node); restarts
 diagnostic.py          DObs: ok(device) by what its driver publishes
 multiple.py            MObs: ok(out_triggered), one topic answers another
-qualitative.py         QObs: inc, dec, const of a value; slope.py
+qualitative.py         QObs: inc, dec, const of a value
 binary_qualitative.py  BiQObs: matched(value, value)
 hardware.py            HObs: on(device), ok(current,device)
 property.py            PObs: ok(CPU,node), a number in its band; filters.py
@@ -20,7 +20,7 @@ goals.py, rosout.py    what a robot says itself: aborted goals, lines of ERROR; 
 lifecycle.py           the state of a node with a lifecycle
 freshness.py           a value that stands still, stamps that are old
 meeting.py             who publishes a topic, and who does not meet whom
-reading.py             the base of observers that judge one reading at a time, of your own too; judgement.py
+reading.py             the base of observers that judge one reading at a time, of your own too
 """
 
 from robomend_client.observers.base import (

@@ -28,8 +28,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import SECOND, Evidence, WrongKind, finite
-from robomend_client.observers.judgement import Judgement
-from robomend_client.observers.reading import Readings
+from robomend_client.observers.reading import Judgement, Readings
 from robomend_client.readings import Reading, Symptom
 
 DIAGNOSTICS = "diagnostics"

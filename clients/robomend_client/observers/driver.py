@@ -49,6 +49,7 @@ from robomend_client.observers.base import (
     SECOND,
     Contact,
     Doubts,
+    Listener,
     NoNumber,
     Observer,
     Publishers,
@@ -58,7 +59,6 @@ from robomend_client.observers.base import (
     WrongKind,
 )
 from robomend_client.observers.combining import Change, Combined
-from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, Ticks, after
 from robomend_client.observers.problems import ObserverProblem, ObserverProblems
 

@@ -17,8 +17,7 @@ from typing import Any
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, SECOND, Evidence, WrongKind, ns, number, positive
 from robomend_client.observers.incidents import for_s
-from robomend_client.observers.judgement import Judgement
-from robomend_client.observers.reading import Readings
+from robomend_client.observers.reading import Judgement, Readings
 from robomend_client.readings import Reading, Symptom
 
 STAMP = "header.stamp.sec,header.stamp.nanosec"

@@ -22,7 +22,7 @@ from typing import Any
 
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import NOTHING, Evidence, WrongKind, finite, ns, positive
-from robomend_client.observers.judgement import Judgement
+from robomend_client.observers.reading import Judgement
 from robomend_client.readings import Reading, Symptom
 
 BOARD = "board"

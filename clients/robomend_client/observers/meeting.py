@@ -17,7 +17,7 @@ from typing import Any
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, Evidence, WrongKind, ns
-from robomend_client.observers.judgement import Judgement
+from robomend_client.observers.reading import Judgement
 from robomend_client.readings import Reading, Symptom
 
 MISMATCHES = "mismatches"

@@ -20,10 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import Contact
+from robomend_client.observers.base import Contact, Listener
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
-from robomend_client.observers.listener import Listener
 
 LOOKS = "/robomend/looks"
 """In a recording of messages (.mcap), the topic that has the lines that are no samples."""

@@ -21,8 +21,7 @@ from robomend_client.observers.parameters import (
 )
 from robomend_client.observers.rate import Rate
 from robomend_client.registry import BrokenKind, Registry
-from robomend_client.yaml_reader import ConfigError
-from robomend_client.yaml_schema import DRAFT, TEXT, Schema, asked_for_all
+from robomend_client.yaml_reader import DRAFT, TEXT, ConfigError, Schema, asked_for_all
 
 PRESET = "a set of defaults; `published` has the numbers of the released system, without its bugs"
 

@@ -23,12 +23,11 @@ from typing import Any
 import structlog
 
 from robomend.batches import program
-from robomend.batches.asked import BatchOptions
 from robomend.batches.folders import LOCK, BatchFolder, BatchFolders, FileLock, hold, of_disk
 from robomend.batches.log_names import find_below
 from robomend.batches.one_batch import OneBatch
-from robomend.batches.record import batch_json, change, new_batch
-from robomend.batches.states import BatchState, BatchTrigger
+from robomend.batches.program import BatchOptions
+from robomend.batches.record import BatchState, BatchTrigger, batch_json, change, new_batch
 from robomend.errors import BackendError, NotFound, Overloaded, Refused, RobomendError, StateConflict
 from robomend.poller import Seeker
 from robomend.settings import Settings

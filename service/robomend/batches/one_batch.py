@@ -21,11 +21,10 @@ from typing import Any
 import structlog
 
 from robomend.batches import program
-from robomend.batches.asked import report_arguments, run_arguments
 from robomend.batches.folders import BatchFolder, FileLock
 from robomend.batches.log_names import check_below
-from robomend.batches.record import progress, take
-from robomend.batches.states import BatchTrigger
+from robomend.batches.program import report_arguments, run_arguments
+from robomend.batches.record import BatchTrigger, progress, take
 from robomend.errors import InputError, StoreError
 from robomend.settings import Settings
 from robomend.store import Store

@@ -1,18 +1,60 @@
-"""What is written of a batch: its state and how far it is. Each write has its event, and changes of state an
-audit entry: who asked for it, who cancelled it, what became of it.
+"""The states of a batch, how each comes from the one before, and what is written of it. Each write has its
+event, and changes of state an audit entry: who asked for it, who cancelled it, what became of it.
+
+docs/batch.md draws the table.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 from functools import partial
 from typing import Any
 
-from robomend.batches.states import BATCH, ENDS, INITIAL, BatchState, BatchTrigger
 from robomend.store import Store, Transaction, batch_jobs
 from robomend.store.records import AuditEntry, Json, StoredBatchJob
 from robomend.transitions import after
 from robomend_client.events import Kind
+
+
+class BatchState(StrEnum):
+    """What a batch is in."""
+
+    WAITING = "waiting"  # until one of those that run has ended
+    RUNNING = "running"
+    DONE = "done"  # there are results; of bad logs they say what is wrong
+    FAILED = "failed"  # there are none, or not of all logs
+    CANCELLED = "cancelled"
+
+
+ENDS = frozenset({BatchState.DONE, BatchState.FAILED, BatchState.CANCELLED})
+
+
+class BatchTrigger(StrEnum):
+    """What happens to a batch."""
+
+    STARTED = "its program is started"
+    INTERRUPTED = (
+        "its program ended with the service, was killed, or let others go first; the same command goes on"
+    )
+    FINISHED = "its program has written the results"
+    BROKEN = "its program failed, or was killed time and again, or ran too long"
+    CANCELLED = "a person cancelled it"
+
+
+INITIAL = BatchState.WAITING
+
+BATCH: dict[tuple[BatchState, BatchTrigger], BatchState] = {
+    (BatchState.WAITING, BatchTrigger.STARTED): BatchState.RUNNING,
+    (BatchState.WAITING, BatchTrigger.BROKEN): BatchState.FAILED,
+    (BatchState.WAITING, BatchTrigger.CANCELLED): BatchState.CANCELLED,
+    (BatchState.RUNNING, BatchTrigger.INTERRUPTED): BatchState.RUNNING,
+    (BatchState.RUNNING, BatchTrigger.STARTED): BatchState.RUNNING,
+    (BatchState.RUNNING, BatchTrigger.FINISHED): BatchState.DONE,
+    (BatchState.RUNNING, BatchTrigger.BROKEN): BatchState.FAILED,
+    (BatchState.RUNNING, BatchTrigger.CANCELLED): BatchState.CANCELLED,
+}
+
 
 LOOP = "robomend"
 

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from robomend.diagnosis.result import DiagnosisResult, Options
     from robomend.model.cnf import HealthCnf
     from robomend.model.system import System
-    from robomend.oneshots.question import Question
-    from robomend.oneshots.warm_model import WarmModel
+    from robomend.oneshots.warm_model import Question, WarmModel
     from robomend_client.literals import Literal
 
 PROBES_S = 0.5
@@ -240,7 +239,7 @@ def _many(warm: WarmModel, path: str, fail_on_fault: bool) -> int:
 def _snapshots(warm: WarmModel, path: str) -> Iterator[Question]:
     """Yield the set of each line; one that is missing would change the answer, so each must be readable."""
     from robomend.errors import InputError
-    from robomend.oneshots.question import sentences_of
+    from robomend.oneshots.warm_model import sentences_of
 
     for number, line in enumerate(_lines(path), 1):
         try:

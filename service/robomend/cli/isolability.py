@@ -34,7 +34,7 @@ def report(
     """Compute and write the answer."""
     from robomend.diagnosis.isolability.analysis import isolability
     from robomend.model.packed import opened
-    from robomend.oneshots.isolability_json import isolability_json
+    from robomend.oneshots.solvers import isolability_json
     from robomend.web.isolability_matrix import isolability_matrix
 
     observed = at_hand(system, robot, agents, observe)

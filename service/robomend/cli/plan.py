@@ -105,8 +105,7 @@ def _options(system: System, given: dict[str, Any]) -> PlanOptions:
 
 def _situation(system: System, given: dict[str, Any]) -> Situation:
     """Return what was observed with its diagnoses, or with the one that was given."""
-    from robomend.oneshots.question import given_diagnosis
-    from robomend.oneshots.warm_model import WarmModel
+    from robomend.oneshots.warm_model import WarmModel, given_diagnosis
     from robomend.planning.advice import Situation, parts_of
 
     stopped = given["expect_stopped"]

@@ -35,7 +35,7 @@ def schema_of(file: str) -> dict[str, Any]:
         return model_schema()
     if file == "robot":
         from robomend.api.schemas.robots import RobotBody
-        from robomend_client.yaml_schema import DRAFT
+        from robomend_client.yaml_reader import DRAFT
 
         return {
             "$schema": DRAFT,

@@ -15,8 +15,7 @@ import structlog
 
 from robomend.drills.one_drill import DrillNeeds, OneDrill
 from robomend.drills.permission import check, fault_of
-from robomend.drills.record import drill_json, new_drill
-from robomend.drills.states import DrillState
+from robomend.drills.record import DrillState, drill_json, new_drill
 from robomend.errors import InputError, RobomendError, StateConflict
 from robomend.planning.faults import FaultKind
 from robomend.poller import Seeker

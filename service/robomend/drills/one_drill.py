@@ -20,8 +20,7 @@ import structlog
 
 from robomend.drills.hands import AgentsHand, BoardsHand, EmulatorsHand, Hand, PersonsHand
 from robomend.drills.permission import check, fault_of
-from robomend.drills.record import DrillRecord
-from robomend.drills.states import DrillState, DrillTrigger
+from robomend.drills.record import DrillRecord, DrillState, DrillTrigger
 from robomend.drills.watching import (
     Gone,
     Watching,

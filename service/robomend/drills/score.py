@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import Any
 
-from robomend.drills.states import DrillState
+from robomend.drills.record import DrillState
 from robomend.planning.faults import fault_name
 from robomend_client.counts import counted
 

@@ -36,7 +36,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What a component puts out, as far as it can be observed: see robomend.diagnosis.likelihood."""
+    """What a component puts out, as far as it can be observed: see robomend.diagnosis.ranking."""
 
     atom: Atom  # ok(t)
     by: str  # the node that publishes it

@@ -22,7 +22,7 @@ from robomend.model.components import (
 )
 from robomend.model.five_key import KEYS as FIVE_KEYS
 from robomend_client.docstrings import documented
-from robomend_client.yaml_schema import DRAFT
+from robomend_client.yaml_reader import DRAFT
 
 Schema = dict[str, Any]
 

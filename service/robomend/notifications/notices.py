@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-from robomend.drills.states import DrillState
+from robomend.drills.record import DrillState
 from robomend.planning.plan import action_titles, in_prose
 from robomend.repairs.headline import Facts, headline, of_repair, short, told
 from robomend.repairs.states import ChangeState, RepairState

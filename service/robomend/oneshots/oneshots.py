@@ -13,8 +13,8 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import InputError, Overloaded
 from robomend.model.system import System, variant
-from robomend.oneshots.question import PackedQuestion, Question, given_diagnosis, supposing
 from robomend.oneshots.solvers import SolverWorkers
+from robomend.oneshots.warm_model import PackedQuestion, Question, given_diagnosis, supposing
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.choice import Choice
 from robomend.planning.drill import PlantableFault

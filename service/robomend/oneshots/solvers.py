@@ -2,6 +2,8 @@
 
 The compiled model travels only when a worker does not have it yet. A worker that breaks a deadline is
 killed and its engines with it; the next call sends the model again.
+
+Isolability is the same JSON from `robomend model check --isolability` and over HTTP.
 """
 
 from __future__ import annotations
@@ -10,24 +12,78 @@ import json
 import pickle
 import time
 from collections import OrderedDict
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.isolability.analysis import isolability
+from robomend.diagnosis.isolability.analysis import Ambiguity, DoubleFaults, Isolability, isolability
+from robomend.diagnosis.isolability.words import group_words, sentences, suggestions, undetectable_words
 from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.model.cnf import HealthCnf
 from robomend.model.packed import opened
 from robomend.model.system import System
-from robomend.oneshots.isolability_json import isolability_json
-from robomend.oneshots.question import PackedQuestion
 from robomend.oneshots.result_json import quoted_names, result_text
-from robomend.oneshots.warm_model import ask_engine
+from robomend.oneshots.warm_model import PackedQuestion, ask_engine
 from robomend.planning.drill import DIAGNOSIS_S, MOST_FAULTS, PlantableFault, drill_plan
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Atom, Literal
+
+MOST_IN_MATRIX = 500
+"""Faults of a matrix that is written; a larger one is left out (null)."""
+
+Words = Callable[[Ambiguity, System], Iterator[str]]
+
+
+def isolability_json(found: Isolability, system: System) -> dict[str, Any]:
+    """Return what can be detected and told apart, what would split the rest, and all of it in words."""
+    return {
+        "observed": [str(atom) for atom in found.observed],
+        "unused": [str(atom) for atom in found.unused],
+        "faults": [
+            {"components": list(fault), "detectable": detectable}
+            for fault, detectable in zip(found.faults, found.detectable, strict=True)
+        ],
+        "matrix": list(found.matrix) if len(found.matrix) <= MOST_IN_MATRIX else None,
+        "groups": [_group(group, system, group_words) for group in found.ambiguities],
+        "undetectable": [_group(group, system, undetectable_words) for group in found.undetectable],
+        "double": None if found.double_faults is None else _double(found.double_faults, system),
+        "exact_by": found.exact_by,
+        "complete": found.complete,
+        "elapsed_s": round(found.elapsed_s, 6),
+        "text": sentences(found, system),
+    }
+
+
+def _group(group: Ambiguity, system: System, words: Words) -> dict[str, Any]:
+    further = group.further
+    return {
+        "faults": [list(fault) for fault in group.faults],
+        "rivals": [list(fault) for fault in group.rivals],
+        "further": None
+        if further is None
+        else {
+            "atoms": [str(atom) for atom in further.atoms],
+            "cost_s": further.cost_s,
+            "left": [{"fault": list(fault), "rival": list(rival)} for fault, rival in further.left],
+            "all_looked_at": group.all_looked_at,
+        },
+        "suggestions": [{"add": one.add, "watch": str(one.watch)} for one in suggestions(group, system)],
+        "text": "\n".join(words(group, system)),
+    }
+
+
+def _double(doubles: DoubleFaults, system: System) -> dict[str, Any]:
+    return {
+        "faults": [
+            {"components": list(fault), "detectable": detectable}
+            for fault, detectable in zip(doubles.faults, doubles.detectable, strict=True)
+        ],
+        "groups": [_group(group, system, group_words) for group in doubles.ambiguities],
+        "complete": doubles.complete,
+    }
+
 
 KEPT = 4
 """Engines kept warm in each worker; a monstrous one takes hundreds of megabytes."""

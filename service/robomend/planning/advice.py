@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from robomend.diagnosis.likelihood import likelihoods, onset_fit, works_in_part
 from robomend.diagnosis.probes import ProbeResult
+from robomend.diagnosis.ranking import likelihoods, onset_fit, works_in_part
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import ModelError
 from robomend.model.cnf import HealthCnf

@@ -1,7 +1,7 @@
 """What was tried, and how probable each diagnosis is after it: the memory that choosing rests on. Pure.
 
 weight of a diagnosis   its posterior, or without priors one factor a component (small sets first) and
-                        how well what works fits it (robomend.diagnosis.likelihood); lowered for each
+                        how well what works fits it (robomend.diagnosis.ranking); lowered for each
                         of its components that a repair made good without help: much when its effect was
                         seen (it runs again and still nothing: it was not that), little when it was not,
                         and by a half where a power cycle was the cure: a device that is broken is not

@@ -22,7 +22,7 @@ from robomend.errors import Overloaded, Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.plan_json import choice_json
-from robomend.oneshots.question import given_diagnosis
+from robomend.oneshots.warm_model import given_diagnosis
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, suspected_most
 from robomend.planning.cures import rates

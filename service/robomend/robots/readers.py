@@ -34,7 +34,7 @@ from robomend.model.packed import packed, packed_assertion
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown, read, read_assertion
-from robomend.oneshots.question import PackedQuestion, supposing, together
+from robomend.oneshots.warm_model import PackedQuestion, supposing, together
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.problem import MEND
 from robomend.settings import Settings

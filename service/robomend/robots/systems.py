@@ -17,7 +17,7 @@ from robomend.model.clauses import Assertion
 from robomend.model.system import System
 from robomend.observations.language import parse, says_literals
 from robomend.oneshots.oneshots import Subject
-from robomend.oneshots.question import Question, together
+from robomend.oneshots.warm_model import Question, together
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, models
@@ -83,7 +83,7 @@ class Systems:
         return Subject(f"text:{hashlib.sha256(source.encode()).hexdigest()}", system)
 
     async def question(self, subject: Subject, sentences: Sequence[str]) -> Question:
-        """Return what a one-shot's sentences say, all of one moment; see robomend.oneshots.question.
+        """Return what a one-shot's sentences say, all of one moment; see robomend.oneshots.warm_model.
 
         Raises:
             ObservationError: a sentence cannot be read, or all together take too many steps.

@@ -104,7 +104,7 @@ ORDER = "-?~+"
 
 
 def isolability_change(before: Mapping[str, Any], after: Mapping[str, Any]) -> IsolabilityChange | None:
-    """Return what changed between two reports (robomend.oneshots.isolability_json); None: too large for a
+    """Return what changed between two reports (robomend.oneshots.solvers); None: too large for a
     matrix.
     """
     old, new = _marks(before), _marks(after)

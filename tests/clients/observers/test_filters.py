@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend_client.observers.filters import Filter
-from robomend_client.observers.slope import REBUILD, Slope
-from robomend_client.observers.student_t import critical, significant
+from robomend_client.observers.general import critical, significant
+from robomend_client.observers.qualitative import REBUILD, Slope
 
 SECOND = 1_000_000_000
 numbers = st.floats(-1e6, 1e6)

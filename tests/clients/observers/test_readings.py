@@ -31,8 +31,8 @@ from robomend_client.observers import (
     Wiring,
     ns,
 )
+from robomend_client.observers.base import Listener
 from robomend_client.observers.kinds import KINDS, read_observers
-from robomend_client.observers.listener import Listener
 from robomend_client.readings import Reading, Symptom
 from robomend_client.yaml_reader import read
 

@@ -14,8 +14,7 @@ from tests.diagnosis.systems import model
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.isolability import analysis
 from robomend.diagnosis.isolability.analysis import Ambiguity, isolability
-from robomend.diagnosis.isolability.comparing import BySearch, Fault, comparison
-from robomend.diagnosis.isolability.definite import Definite
+from robomend.diagnosis.isolability.comparing import BySearch, Definite, Fault, comparison
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, OptionRefused

@@ -17,7 +17,7 @@ from robomend.api.page_route import (
     shell,
     wanted_parts,
 )
-from robomend.batches.states import BatchState
+from robomend.batches.record import BatchState
 from robomend.store import models
 from robomend.store.records import Paging
 

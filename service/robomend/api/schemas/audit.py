@@ -12,7 +12,7 @@ from pydantic import Field, RootModel
 from robomend.api.schemas.base import Moment, Out, moment_of
 from robomend.api.schemas.repair_record import BadAndGood
 from robomend.api.schemas.robots import RobotBody
-from robomend.drills.states import DrillState
+from robomend.drills.record import DrillState
 from robomend.repairs.states import RepairState
 
 

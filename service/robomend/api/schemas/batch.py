@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import In, ModelName, Moment, Nanoseconds, Out, Reason, moment_of
-from robomend.batches.asked import TOGETHER, BatchOptions
+from robomend.batches.program import TOGETHER, BatchOptions
 
 Pattern = Annotated[str, Field(min_length=1, max_length=1000, examples=["night/**/*.mcap"])]
 

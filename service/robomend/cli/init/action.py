@@ -64,7 +64,7 @@ from robomend.model.loading import load_text
 from robomend.planning.plan import Outcome
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend_client.actions import OK, Action
-from robomend_client.agent.executors.kinds import read_actions
+from robomend_client.agent.executors.base import read_actions
 from robomend_client.literals import holds
 from robomend_client.yaml_reader import Section
 from robomend_client.yaml_tree import read_tree

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import click
 
-from robomend.batches.states import BatchState
+from robomend.batches.record import BatchState
 from robomend.cli.files import ExistingFile
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import BatchName

@@ -11,9 +11,8 @@
 So a pair is judged by what the engine would say of the observations that the fault can produce; docs/
 isolability.md argues for it, and names the field's words. Reading order:
 
-    definite.py     signatures: exact and fast where rules are definite and each atom has one
-    comparing.py    a search, exact for all other models (∃ observation, ∀ hidden values; by
-                    counterexamples), and the two behind one face
+    comparing.py    signatures, exact and fast where rules are definite and each atom has one; a search,
+                    exact for all other models (∃ observation, ∀ hidden values; by counterexamples)
     analysis.py     all faults against all; groups; what is asked and answered
     words.py        the answer in sentences, and what a rule could add
 """
