@@ -81,6 +81,29 @@ def relapses(
     return tuple(row)
 
 
+BEFORE_NS = S_TO_NS
+"""The last good sample of what an act broke may be so much older than the act."""
+
+
+def undoing(
+    tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
+) -> tuple[Attempt, ...]:
+    """Return the repairs in a row that would begin anew with this one, the oldest first: each brought back
+    what it was for, and soon after its acts that failed which the next one was for, in the end what the first
+    was for. Nothing where this would do something else, or follows from nothing that was done.
+    """
+    row: list[Attempt] = []
+    soon_ns, began_ns = int(patience.relapse_s * S_TO_NS), again.symptom_ns
+    for one in sorted(tried, key=lambda one: -one.time_ns):
+        if not (one.helped and one.began_ns - BEFORE_NS <= began_ns <= one.time_ns + soon_ns):
+            break
+        row.insert(0, one)
+        if one.bad == again.bad and set(again.actions) <= set(one.actions):
+            return () if len(row) == 1 else tuple(row)
+        began_ns = one.symptom_ns
+    return ()
+
+
 def unlasting(tried: Iterable[Attempt], relapsed: Collection[Attempt]) -> tuple[Attempt, ...]:
     """Return the attempts, those that did not last as what they were: no cure."""
     again = set(relapsed)

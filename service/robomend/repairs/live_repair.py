@@ -32,7 +32,7 @@ from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
+from robomend.repairs.remembering import began_ns, by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.clock import CLOCK
@@ -480,6 +480,7 @@ class LiveRepair:
             return
         assert choice.diagnosis is not None
         by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
+        undid = self._confirming.undid() if helped and by_itself is None else []
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
@@ -492,11 +493,14 @@ class LiveRepair:
             self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
+            undid=undid,
+            symptom_ns=began_ns(self._state, choice.diagnosis.bad, self._confirming.symptoms),
         )
         await self._record.end_round(
             *ending,
-            helped=helped and by_itself is None,
+            helped=helped and by_itself is None and not undid,
             by_itself=by_itself,
+            undid=undid,
             tried=tried,
             quarantined=left_alone,
             entries=entries,
