@@ -81,7 +81,7 @@ async def test_repairs_that_undo_each_other_end_as_soon_as_they_begin_anew(
             while repair["state"] == "repaired":
                 repair = await the_repair(runtime, after=repair["id"])
     assert repair["state"] == "escalated"
-    assert repair["reason"].startswith(f"{told}: ")
+    assert repair["reason"].startswith(f"{told}; ")
     assert len([one for one in robot.done if one.startswith("start_node")]) == len(robot.cameras)
     if not robot.after_s:
         assert not any(one["helped"] for one in repair["rounds"])
@@ -109,3 +109,63 @@ async def test_what_fails_beside_a_repair_and_not_by_it_is_repaired_too(tmp_path
             repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert robot.done[-1] == "start_node(cam_b)"
+
+
+MANAGED = ("controller", "map_server", "planner")
+
+BOND = """
+robomend: 1
+name: bond
+nodes:
+  map_server: {publishes: {map: []}}
+  planner: {publishes: {plan: [map]}}
+  controller: {publishes: {cmd: [plan]}}
+"""
+
+
+@dataclass
+class Managed(Robot):
+    """Its nodes have a manager that the model does not know: it takes all down when one has died, and when
+    one is started by somebody else.
+    """
+
+    running: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(MANAGED, True))
+    timer: asyncio.TimerHandle | None = None
+
+    def do(self, name: str, parameter: str) -> None:
+        self.running[parameter] = name == "start_node"
+        self.noticed_in(1.0)
+
+    def noticed_in(self, time_s: float) -> None:
+        if self.timer is not None:
+            self.timer.cancel()
+        self.timer = asyncio.get_running_loop().call_later(time_s, self.take_down)
+
+    def take_down(self) -> None:
+        self.running = dict.fromkeys(MANAGED, False)
+
+    def sentences(self) -> list[str]:
+        runs = self.running
+        maps = runs["map_server"]
+        plans = maps and runs["planner"]
+        facts = {f"running({name})": value for name, value in runs.items()}
+        facts |= {"ok(map)": maps, "ok(plan)": plans, "ok(cmd)": plans and runs["controller"]}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+
+async def test_what_goes_down_together_after_each_start_is_started_twice_and_told_so(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        robot = Managed(runtime.repairs, runtime.robots)
+        observed = [one.removeprefix("not ") for one in robot.sentences()]
+        await put_robot(runtime, BOND, model="bond", observed=observed, detection_s=0.5)
+        async with running(robot):
+            await robot.settled()
+            robot.running["planner"] = False
+            robot.noticed_in(0.3)
+            repair = await the_repair(runtime)
+            while repair["state"] == "repaired":
+                repair = await the_repair(runtime, after=repair["id"])
+    assert repair["state"] == "escalated"
+    together = "controller and map_server and planner go down again together soon after each start; "
+    assert repair["reason"].startswith(together)
+    assert max(robot.done.count(f"start_node({name})") for name in MANAGED) <= 2

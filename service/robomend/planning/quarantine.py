@@ -104,6 +104,31 @@ def undoing(
     return ()
 
 
+def downed(
+    tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
+) -> frozenset[str]:
+    """Return the nodes that go down together soon after each start, as a manager of theirs does it: several
+    of them, after each of the last two repairs. Nothing where these do not, or are not to be started now.
+    """
+    groups: list[frozenset[str]] = []
+    soon_ns, next_one = int(patience.relapse_s * S_TO_NS), again
+    for one in sorted(tried, key=lambda one: -one.time_ns)[:2]:
+        ours = {name for name, _ in next_one.down if _only_stopped(name, one.actions)}
+        since_ns, until_ns = one.began_ns - BEFORE_NS, one.time_ns + soon_ns
+        groups.append(
+            frozenset(name for name, at_ns in next_one.down if since_ns <= at_ns <= until_ns) - ours
+        )
+        next_one = one
+    if len(groups) < 2 or min(map(len, groups)) < 2:
+        return frozenset()
+    together = groups[0] | groups[1]
+    return together if groups[0] & groups[1] & again.bad else frozenset()
+
+
+def _only_stopped(name: str, actions: Collection[str]) -> bool:
+    return f"stop_node({name})" in actions and f"start_node({name})" not in actions
+
+
 def unlasting(tried: Iterable[Attempt], relapsed: Collection[Attempt]) -> tuple[Attempt, ...]:
     """Return the attempts, those that did not last as what they were: no cure."""
     again = set(relapsed)

@@ -35,7 +35,7 @@ from robomend.planning.tried import Patience
 from robomend.repairs.executors.registry import kind_of
 from robomend.repairs.flapping import lasting, not_undone
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
-from robomend.repairs.remembering import Remembered, began_ns, remembered
+from robomend.repairs.remembering import Remembered, began_ns, down, remembered
 from robomend.robots.configuration import RobotConfig, policy_of, protected_of
 from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
@@ -250,8 +250,9 @@ class Chooser:
             situation = replace(situation, probes=await self._probes(state))
         choice = situation.decide(plans)
         if (named := choice.diagnosis) is not None:
-            since_ns = began_ns(state, named.bad, (one for one in state.sight.entries() if not one.positive))
-            choice = not_undone(choice, memory, since_ns, situation.patience)
+            symptoms = [one for one in state.sight.entries() if not one.positive]
+            began = (began_ns(state, named.bad, symptoms), tuple(down(symptoms).items()))
+            choice = not_undone(choice, memory, *began, situation.patience)
         return lasting(choice, result, memory, situation)
 
     def _situation(

@@ -32,7 +32,7 @@ from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import began_ns, by_evidence, judged, set_aside, spent
+from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.clock import CLOCK
@@ -516,7 +516,7 @@ class LiveRepair:
             helped=helped,
             by_itself=by_itself,
             undid=undid,
-            symptom_ns=began_ns(self._state, choice.diagnosis.bad, self._confirming.symptoms),
+            symptoms=self._confirming.symptoms,
         )
         await self._record.end_round(
             *ending,

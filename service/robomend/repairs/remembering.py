@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend.entry import Entry
+from robomend.model.components import Node
 from robomend.planning.choice import Choice
 from robomend.planning.cures import Tried, curing, once
 from robomend.planning.influence import put_out
@@ -144,7 +145,7 @@ def judged(
     helped: bool,
     by_itself: str | None = None,
     undid: Sequence[Atom] = (),
-    symptom_ns: int = 0,
+    symptoms: Collection[Entry] = (),
 ) -> tuple[StoredAttempt, list[Quarantine]]:
     """Return what is to be kept of a round, and the components that it puts into quarantine.
 
@@ -172,7 +173,8 @@ def judged(
         "reconnected": sorted(execution.kept - set(choice.diagnosis.bad)),
         "cures": sorted({kind for kind, _ in curing(choice.plan, choice.diagnosis.bad).values()}),
         "mode": next(iter(choice.diagnosis.modes.values()), None),
-        "symptom_ns": symptom_ns,
+        "symptom_ns": began_ns(state, choice.diagnosis.bad, symptoms),
+        "down": down(symptoms),
         **({"undid": [str(atom) for atom in undid]} if undid else {}),
     }
     if by_itself is not None:
@@ -271,6 +273,7 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         began_ns=record.data.get("began_ns", 0),
         by_itself=bool(record.data.get("by_itself")),
         symptom_ns=record.data.get("symptom_ns", 0),
+        down=tuple(sorted(record.data.get("down", {}).items())),
     )
 
 
@@ -283,6 +286,11 @@ def began_ns(state: Robot, bad: Collection[str], symptoms: Iterable[Entry]) -> i
     """Return when what these components put out began to fail, the newest of it; 0: nothing of that does."""
     names = frozenset(bad) if state.system.parts is None else put_out(state.system.parts, bad)
     return max((one.began_ns for one in symptoms if names.intersection(one.atom.args)), default=0)
+
+
+def down(symptoms: Iterable[Entry]) -> dict[str, int]:
+    """Return the nodes that do not run, each with since when."""
+    return {one.atom.args[0]: one.began_ns for one in symptoms if one.atom.predicate == Node.state}
 
 
 def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> StoredAttempt:
