@@ -484,6 +484,9 @@ class StartUps:
         been too early once more, when it has often booted; after that, when it surely has.
         """
         devices = self._devices(parts.nodes[node], parts) if node in parts.nodes else ()
+        if devices and self._unseen(parts.nodes[node], parts, seen):
+            ordered, early_ns = self._early(parts.nodes[node], seen)
+            return early_ns if ordered >= TOO_EARLY else 0
         return max((self._bootable_ns(node, each, parts, seen) for each in devices), default=0)
 
     def _bootable_ns(self, node: str, device: str, parts: ComponentModel, seen: Seen) -> int:
@@ -491,10 +494,7 @@ class StartUps:
         orders, boot_s = len(self._orders.get(node, ())), parts.hardware[device].boot_s
         if boot_s is not None:  # should it take longer this once, it is started once more
             return booted_ns if orders or not booted_ns else power_ns + _about(_ns(boot_s))
-        if not power_ns:
-            ordered, early_ns = self._early(parts.nodes[node], seen)
-            return early_ns if ordered >= TOO_EARLY else 0
-        if not orders:
+        if not orders or not power_ns:
             return 0
         starts = (self._took[topic].all() for topic in parts.nodes[node].publishes if topic in self._took)
         if took := [start.took_ns for known in starts for start in known if start.powered]:
@@ -505,12 +505,18 @@ class StartUps:
         """Whether a repair started a node that may still find its device booting, by nothing but that it fell
         silent: nobody sees whether the device lost its power, nor knows how long it boots.
         """
-        devices = parts.nodes[node].drives
-        unknown = devices and all(
-            parts.hardware[each].boot_s is None and not self._power_ns(each, seen) for each in devices
-        )
         ordered, early_ns = self._early(parts.nodes[node], seen)
-        return bool(unknown and ordered and early_ns > CLOCK.now_ns())
+        early = ordered > 0 and early_ns > CLOCK.now_ns()
+        return early and self._unseen(parts.nodes[node], parts, seen)
+
+    def _unseen(self, node: Node, parts: ComponentModel, seen: Seen) -> bool:
+        """Return whether nobody knows when what a node drives got its power, nor how long that boots."""
+        unknown = all(parts.hardware[each].boot_s is None for each in node.drives)
+        return (
+            bool(node.drives)
+            and unknown
+            and not any(self._power_ns(each, seen) for each in self._devices(node, parts))
+        )
 
     def _early(self, node: Node, seen: Seen) -> tuple[int, int]:
         """Return how often repairs started a node since it fell silent, and until when that may be early."""
@@ -522,6 +528,8 @@ class StartUps:
     def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
         """Return the devices of a node that have not booted yet, by what is known of them."""
         now_ns = CLOCK.now_ns()
+        if self._unseen(parts.nodes[node], parts, seen):
+            return tuple(parts.nodes[node].drives)
         devices = dict.fromkeys(self._devices(parts.nodes[node], parts))
         return tuple(each for each in devices if self._bootable_ns(node, each, parts, seen) > now_ns)
 
