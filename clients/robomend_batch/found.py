@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robomend.cli.files import near_file
 from robomend.errors import InputError
-from robomend_batch.logs.compressed import without_ending
+from robomend_batch.logs import without_ending
 
 ENDINGS = (".bag", ".bag.active", ".mcap", ".db3", ".parquet", ".csv", ".ndjson", ".jsonl")
 """What is taken of a folder, compressed as well."""

@@ -107,9 +107,9 @@ def test_a_launch_file_of_tools_and_others_packages_says_what_it_includes(
     launch = tmp_path / "navigation.launch"
     launch.write_text(
         '<launch><include file="$(find others)/launch/bringup.launch"/>'
-        '<node pkg="rviz" type="rviz" name="rviz"/></launch>'
+        '<node pkg="rviz" type="rviz" name="rviz"/><node pkg="rosbag" type="record" name="box"/></launch>'
     )
     assert run(["model", "from-ros", "--launch", str(launch)]) == 2
     said = capsys.readouterr().err
-    assert "only tools or what had ended: /rviz; " in said
+    assert "only tools or what had ended: /box, /rviz; " in said
     assert "what does `$(find others)/launch/bringup.launch` start, which it includes?" in said

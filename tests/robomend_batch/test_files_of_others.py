@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
@@ -119,6 +121,42 @@ def test_two_robots_in_one_recording_are_told_apart(log: str, tmp_path: Path) ->
         code = batch_run(tmp_path / robot, *given, model=tmp_path / "model.yaml")
         found[robot] = code, {one for line in intervals(tmp_path / robot) for one in line["observations"]}
     assert found == {"one": (0, {"not ok(device)"}), "two": (0, {"not ok(odom)"}), "three": (2, set())}
+
+
+@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "stream.mcap", "a.db3"])
+@pytest.mark.parametrize("at_s", [0, 20], ids=["first", "last"])
+def test_a_message_alone_at_the_beginning_or_the_end_of_a_log_counts(
+    at_s: int, log: str, tmp_path: Path
+) -> None:
+    """A driver's word from before the others were up, or from after they fell silent, is no damage."""
+    (tmp_path / "model.yaml").write_text(DEVICE)
+    agent = {
+        "topics": {"odom": {"rate_hz": 10, "tolerance_hz": 2}},
+        "observers": {"device": {"kind": "diagnostic", "status": ["arm: *"], "lifetime_s": 3}},
+    }
+    (tmp_path / "agent.yaml").write_text(json.dumps(agent))
+    record = Recorder(ROS1, False) if log.endswith(".bag") else Recorder(ROS2, True)
+    record(at_s, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", status=[status(2)])
+    for number in range(100):
+        record(5 + number / 10, "/odom", "std_msgs/msg/String", data="x")
+    file = record.write(tmp_path / log)
+    if log.startswith("stream"):
+        messages = [*make_reader(file.open("rb")).iter_messages()]
+        with file.open("wb") as opened:
+            writer = McapWriter(opened, index_types=IndexType.NONE)
+            writer.start(profile="ros2", library="test")
+            channels: dict[str, int] = {}
+            for schema, channel, one in messages:
+                if channel.topic not in channels and schema is not None:
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+                writer.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time)
+            writer.finish()  # type: ignore[no-untyped-call]  # the library's
+    given = file, "--observers", tmp_path / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "model.yaml") == 0
+    said = {one for line in intervals(tmp_path / "out") for one in line["observations"]}
+    assert said == ({"not ok(device)"} if at_s == 0 else {"not ok(odom)"})
+    assert logs(tmp_path / "out")[0]["problems"] == []
 
 
 @pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])

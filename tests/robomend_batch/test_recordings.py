@@ -257,9 +257,9 @@ def test_a_damaged_chunk_costs_that_chunk(
     assert after[-1][1:] == before[-1][1:]
 
 
-@pytest.mark.parametrize("honest", [True, False])
+@pytest.mark.parametrize(("honest", "alone"), [(True, False), (False, False), (True, True)])
 def test_a_chunk_that_unpacks_to_more_than_real_ones_do_costs_that_chunk(
-    honest: bool, rover: tuple[Path, Path], tmp_path: Path
+    honest: bool, alone: bool, rover: tuple[Path, Path], tmp_path: Path
 ) -> None:
     """Whether it says how much it holds or not, it is not unpacked beyond that."""
     model, observers = rover
@@ -275,13 +275,15 @@ def test_a_chunk_that_unpacks_to_more_than_real_ones_do_costs_that_chunk(
     content = head + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
     behind = at + 9 + length
     bomb = data[at : at + 1] + struct.pack("<Q", len(content)) + content
-    log.write_bytes(data[:behind] + bomb + data[behind:])
+    end = data.index(struct.pack("<BQ", 15, 4), behind)  # where the data end
+    log.write_bytes(data[:at] + bomb + data[end:] if alone else data[:behind] + bomb + data[behind:])
     assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
     (told_of,) = logs(tmp_path / "out")
-    assert told_of["state"] == "bad"
+    assert told_of["state"] == ("refused" if alone else "bad")
     reasons = [problem["reason"] for problem in told_of["problems"]]
-    assert any(f"the chunk at byte {behind} is damaged" in reason for reason in reasons)
-    assert told_of["end_ns"] == EPOCH_NS + round(7.95 * SECOND)
+    place = at if alone else behind
+    assert any(f"the chunk at byte {place} is damaged" in reason for reason in reasons)
+    assert alone or told_of["end_ns"] == EPOCH_NS + round(7.95 * SECOND)
 
 
 def test_a_db3_whose_schema_is_damaged_is_refused_in_words(rover: tuple[Path, Path], tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import fcntl
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -158,3 +159,8 @@ def test_as_many_workers_as_cores_stay_on_one_each() -> None:
             stays_on(worker.process.pid, sorted(cores)[worker.place])
         assert len({worker.place for worker in workers}) == len(cores)
     assert os.sched_getaffinity(0) == cores
+
+
+def test_what_workers_load_is_not_loaded_by_the_run_before_they_are_begun() -> None:
+    code = "import sys, robomend_batch.run_command, robomend_batch.starting; print('numpy' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, timeout=60) == "False\n"

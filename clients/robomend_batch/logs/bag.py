@@ -186,6 +186,10 @@ class IndexedBag(Chunked):
         order = np.argsort(places, kind="stable")
         return times_ns[order], places[order]
 
+    def _vouched(self, part: Part) -> bool:
+        index = self._index(part.chunk)
+        return index is not None and _checked(index, self._data(part.chunk)) is not None
+
     def _index(self, info: _Info) -> dict[int, tuple[Times, Times]] | None:
         """Return times and places by connection, in the order of places; None if it is damaged."""
         file = self._file
@@ -326,7 +330,7 @@ class StreamedBag:
         for time_ns, number, _ in self._all({}, every=True):
             if number >= 0:
                 span.add(time_ns)
-        bounds = span.bounds()
+        bounds = span.bounds(self.notes, sure=False)
         self.start_ns: int | None = bounds and bounds[0]
         self.end_ns: int | None = bounds and bounds[1]
         self.channels = list(self._known.values())

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robomend_batch.logs.recorded import Message, Notes, Stretch, Times, damage_of, hole
+from robomend_batch.logs.recorded import LONG_NS, Message, Notes, Stretch, Times, damage_of, hole
 from robomend_client.observers.driver import JUMP_NS
 
 LARGEST_CHUNK = 64 << 20
@@ -67,6 +67,7 @@ class Part:
     place: int  # in the file
     chunk: Any  # the format's own
     far: bool = False  # whether some of its stamps are far from their neighbours
+    unsure: bool = False  # and may be right nevertheless
 
 
 class Chunked(ABC):
@@ -101,6 +102,10 @@ class Chunked(ABC):
         """Return times and places of all messages of a chunk, in the order of places."""
 
     @abstractmethod
+    def _vouched(self, part: Part) -> bool:
+        """Return whether a chunk and its index say the same of all stamps; one of `damage` if unreadable."""
+
+    @abstractmethod
     def _channels_of(self, part: Part) -> Iterable[int]:
         """Return the channels of which a chunk has messages."""
 
@@ -126,6 +131,11 @@ class Chunked(ABC):
             part = parts[number]
             try:
                 times_ns, _ = self._stamps(part)
+                lone = lone_stamps(times_ns)
+                if lone[:1].any() or lone[-1:].any():
+                    sure = lone_stamps(times_ns, LONG_NS)
+                    part.unsure = bool((lone & ~sure).any()) and not self._vouched(part)
+                    lone = lone if part.unsure else sure
             except self.damage:  # told when it is read
                 others = [one for one in parts if not one.far]
                 after = next((one.start_ns for one in others[number + 1 :]), None)
@@ -133,7 +143,6 @@ class Chunked(ABC):
                     known = before if before is not None else after
                     part.start_ns = part.end_ns = part.start_ns if known is None else known
                 continue
-            lone = lone_stamps(times_ns)
             part.far = bool(lone.any())
             kept = times_ns[~lone]
             if len(kept):
@@ -208,20 +217,24 @@ class Chunked(ABC):
         for channel, (times_ns, begins, ends) in found.items():
             kept = (times_ns >= part.start_ns) & (times_ns <= part.end_ns)
             for _ in range(int((~kept).sum())):
-                self.notes.far()
+                self.notes.far(unsure=part.unsure)
             near[channel] = times_ns[kept], begins[kept], ends[kept]
         return near
 
 
-def lone_stamps(times_ns: Times) -> NDArray[np.bool_]:
-    """Return which times, in the order of the file, are far from those before and after, which are near."""
+def lone_stamps(times_ns: Times, pause_ns: int = 0) -> NDArray[np.bool_]:
+    """Return which times, in the order of the file, are far from those before and after, which are near.
+
+    The first and the last one have others on one side only: a pause there of so long, or of what is usual
+    between the others, makes them not far.
+    """
     lone = np.zeros(len(times_ns), dtype=np.bool_)
     if len(times_ns) < 3:
         return lone
     far = np.abs(np.diff(times_ns)) > JUMP_NS
     around = np.abs(times_ns[2:] - times_ns[:-2]) <= JUMP_NS
     lone[1:-1] = far[1:] & far[:-1] & around
-    usual = 2 * int(np.abs(np.diff(times_ns[1:-1])).max(initial=0)) + JUMP_NS
+    usual = max(pause_ns, 2 * int(np.abs(np.diff(times_ns[1:-1])).max(initial=0)) + JUMP_NS)
     for edge, inner in ((0, 1), (-1, -2)):
         lone[edge] = abs(int(times_ns[edge]) - int(times_ns[inner])) > usual and not lone[inner]
     return lone

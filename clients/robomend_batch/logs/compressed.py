@@ -18,11 +18,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from robomend_batch.errors import FULL
+from robomend_batch.logs import without_ending
 from robomend_batch.logs.mcap_chunk import HEAD_BYTES, ZstdError, has_checksum, zstd
 from robomend_batch.problems import LogRefused
-
-ENDINGS = (".zstd", ".zst", ".gz", ".bz2")
-"""Of names, behind that of the log itself."""
 
 MOST_TIMES = 100
 """So many times its size a file may unpack to, …"""
@@ -137,12 +135,6 @@ def plain_log(path: Path, folder: Path) -> Iterator[Plain]:
         yield Plain(inner, problem, checked)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def without_ending(name: str) -> str:
-    """Return what a log is called unpacked."""
-    ending = next((one for one in ENDINGS if name.lower().endswith(one)), "")
-    return name[: len(name) - len(ending)]
 
 
 def _unpack(path: Path, into: Path) -> tuple[str, bool]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robomend_batch.logs.chunk import lone_stamps
-from robomend_batch.logs.recorded import Channel, Message, Notes, Unreadable
+from robomend_batch.logs.recorded import LONG_NS, Channel, Message, Notes, Unreadable
 
 ROWS = 13
 """The kind of page that holds rows."""
@@ -67,7 +67,7 @@ class CutDb3:
                 places.append(place)
         self.notes = Notes()
         order = np.argsort(numbers, kind="stable") if times else np.zeros(0, dtype=np.intp)
-        lone = lone_stamps(np.array(times)[order])
+        lone = lone_stamps(np.array(times)[order], LONG_NS)
         for _ in range(int(lone.sum())):
             self.notes.far()
         order = order[~lone]

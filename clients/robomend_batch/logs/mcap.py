@@ -202,6 +202,11 @@ class IndexedMcap(Chunked):
         order = np.argsort(places, kind="stable")
         return times_ns[order], places[order]
 
+    def _vouched(self, part: Part) -> bool:
+        wanted = dict.fromkeys(part.chunk.message_index_offsets, True)
+        index = self._index(part.chunk, wanted)
+        return index is not None and _checked(index, part.chunk, self._data(part.chunk), wanted) is not None
+
     def _index(self, chunk: ChunkInfo, wanted: Iterable[int]) -> dict[int, tuple[Times, Times]] | None:
         """Return times and places by channel, in the order of places; None if its records are damaged."""
         base = chunk.chunk_start_offset + chunk.chunk_length
@@ -270,7 +275,7 @@ class StreamedMcap:
                 counts[number] += 1
                 span.add(time_ns)
         self.channels = list(self._known.values())
-        bounds = span.bounds()
+        bounds = span.bounds(self.notes, sure=self.checked is True)
         self.start_ns: int | None = bounds and bounds[0]
         self.end_ns: int | None = bounds and bounds[1]
         if self.start_ns is None and self.cut is not None:

@@ -23,6 +23,7 @@ from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Place, Re
 from robomend_batch.logs.chunk import Chunk
 from robomend_batch.logs.recorded import (
     HOLE,
+    LONG_NS,
     UNTIL,
     InStretches,
     Message,
@@ -45,9 +46,6 @@ from robomend_client.observers.recording import replay_line
 from robomend_client.ros_graph import lasting_name
 
 TOGETHER = 1 << 16
-
-LONG_NS = 3600 * SECOND
-"""A time that is so far from the one before is none."""
 
 OF_LATE_NS = 10 * SECOND
 """So long after its last message a node still publishes a topic."""
@@ -90,6 +88,7 @@ class _Reading:
 def _observed(recording: Recording, observing: Observing, path: Path, opened: Opened) -> Blocks:
     start_ns, end_ns = recording.start_ns, recording.end_ns
     if start_ns is None or end_ns is None:
+        _tell(recording, path, opened.problems)
         raise LogRefused("a recording without messages", str(path))
     first_ns = start_ns
     by_header = opened.by_header

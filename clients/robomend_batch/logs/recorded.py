@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from robomend_client.observers.base import SECOND
 from robomend_client.observers.driver import JUMP_NS
 
 Times = NDArray[np.int64]
@@ -22,6 +23,9 @@ SLICE = 4096
 
 Message = tuple[int, int, bytes | None]
 """Time in nanoseconds, channel, and its bytes if they were asked for."""
+
+LONG_NS = 3600 * SECOND
+"""A time that is so far from the one before is none."""
 
 HOLE = -1
 """The channel of what is none: from its time on nothing is known, up to the time that its bytes say and up to
@@ -60,9 +64,10 @@ class Notes:
         if not self._told_before:
             self._found.append((reason, bad))
 
-    def far(self) -> None:
-        """A stamp is far from its neighbours."""
-        self.add("a stamp is far from those of the messages around it: left out", bad=False)
+    def far(self, *, unsure: bool = False) -> None:
+        """A stamp is far from its neighbours; unsure: it has them on one side only, and may be right."""
+        why = ", and nothing vouches for it" if unsure else ""
+        self.add(f"a stamp is far from those of the messages around it{why}: left out", bad=unsure)
 
     def take(self) -> list[tuple[str, bool]]:
         """Return them, once."""
@@ -114,15 +119,23 @@ class Span:
                 self._accept(held)
             self._held = time_ns
 
-    def bounds(self) -> tuple[int, int] | None:
-        """Return the first and the last time; None: there are no messages."""
+    def bounds(self, notes: Notes, *, sure: bool) -> tuple[int, int] | None:
+        """Return the first and the last time; None: there are no messages.
+
+        Args:
+            notes: of a first or a last message that is left out, and may be right.
+            sure: what is read has a checksum.
+        """
         edges = [time_ns for time_ns in (self._first, self._held) if time_ns is not None]
         if self._start is None or self._end is None:
             return (min(edges), max(edges)) if edges else None
-        start, end, usual_ns = self._start, self._end, 2 * self._gap_ns + JUMP_NS
+        start, end = self._start, self._end
+        usual_ns = LONG_NS if sure else 2 * self._gap_ns + JUMP_NS
         for time_ns in edges:
             if start - usual_ns <= time_ns <= end + usual_ns:
                 start, end = min(start, time_ns), max(end, time_ns)
+            elif self._start - LONG_NS <= time_ns <= self._end + LONG_NS:
+                notes.far(unsure=True)
         return start, end
 
     def _accept(self, time_ns: int) -> None:

@@ -45,6 +45,9 @@ TOOLS = (
 ROS 2 also those that are of no node.
 """
 
+TOOL_PACKAGES = re.compile(r"(?:rosbag|rviz|rqt|plotjuggler|foxglove_bridge)[^/]*/")
+"""Of what a launch file starts, under whatever name."""
+
 PLUMBING = (
     *("/rosout", "/rosout_agg", "/clock", "/statistics", "*/diagnostics", "*/diagnostics_agg"),
     *("/diagnostics_toplevel_state", "/parameter_events", "*/parameter_updates", "*/parameter_descriptions"),
@@ -337,13 +340,14 @@ class _Draft:
         self.graph = _legal(heard.graph)
         gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
         launched = {name for name in heard.launched if _is_name(name)}
+        tools = {name for name in launched if TOOL_PACKAGES.match(heard.launched[name]) or is_tool(name)}
         # What was looked for and is not there is no component: it would be missed from the first moment on.
         here = self.graph.nodes or launched
-        self.missing = sorted(launched - here)
-        self.nodes = sorted(node for node in here - gone if not _is_any_of(node, TOOLS))
+        self.missing = sorted(launched - here - tools)
+        self.nodes = sorted(node for node in here - gone - tools if not is_tool(node))
         if not self.nodes:
-            tools = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
-            beside = f", only tools or what had ended: {tools}" if tools else ""
+            others = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
+            beside = f", only tools or what had ended: {others}" if others else ""
             open_ = "".join(f"; {remark}" for remark in heard.remarks[:MOST_OPEN])
             raise InputError(f"{heard.source}: there is no node of the robot's own{beside}{open_}")
         self.named = [node for node in self.nodes if node not in heard.unnamed]

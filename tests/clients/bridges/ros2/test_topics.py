@@ -8,6 +8,7 @@ import random
 import socket
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.clients.bridges.hearing import listening
@@ -28,8 +29,13 @@ def test_ticks_fields_and_diagnostics_come_from_a_real_robot(release: WantedRos2
         scan = {"ranges": [1.0, 2.5], "header": {"frame_id": "laser"}}
         node.do("publish", topic="/scan", type="sensor_msgs/LaserScan", value=scan, rate=20, reliable=False)
         node.do("publish", topic="/map", type="std_msgs/String", value={"data": "once"}, latched=True)
-        array = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray"}
-        node.do("publish", value={"status": [STATUS]}, rate=20, **array)
+        array: dict[str, Any] = {
+            "type": "diagnostic_msgs/DiagnosticArray",
+            "value": {"status": [STATUS]},
+            "rate": 20,
+        }
+        for topic in ("diagnostics", "r1/diagnostics", "r1/diagnostics_agg"):
+            node.do("publish", topic=f"/{topic}", **array)
 
         async def test() -> None:
             fields = ("scan:ranges.1", "scan:header.frame_id", "map:data", "diagnostics")
@@ -52,6 +58,13 @@ def test_ticks_fields_and_diagnostics_come_from_a_real_robot(release: WantedRos2
                 await asyncio.to_thread(node.do, "publish", **late)
                 await heard.more("scan", 20)
                 assert heard.log == []
+            aggregated = DiagnosticObserver("hokuyo", ["hokuyo: *"], source="diagnostics_agg")
+            sources = sorted(aggregated.sources)
+            async with listening(ros, "diagnostics", *sources, more="namespace: /r1") as heard:
+                for source in ("diagnostics", *sources):
+                    await heard.more(source)
+                    aggregated.feed(source, 1, heard.last(source))
+                assert aggregated.check(1) == (fails("ok", "hokuyo"),)
 
         asyncio.run(test())
 
