@@ -145,6 +145,9 @@ def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
 ) -> None:
     done = {**ROUND, "ending": ending, "helped": helped, "reason": "as it was"}
     assert account({**REPAIR, "rounds": [done]})[-2] == f"  {words}"
+    done["by_itself"] = "ok(scan): not seen to be back"
+    nobody = "  well again, and credited to nobody: scan ok: not seen to be back"
+    assert account({**REPAIR, "rounds": [done]})[-2] == nobody
 
 
 @pytest.mark.anyio
