@@ -89,7 +89,8 @@ def test_a_service_that_runs_is_asked_about_a_robot(
     with running(Settings(port=0, data=tmp_path)) as service:
         service.with_robot()
         found = said_of_the_robot(["--robot", "r1", "--url", service.url], capsys)
-        assert found == (1, ["nobody looks at r1"])  # what the service says, see repairs_double.py
+        headline = service.api("GET", "/robots/r1").json()["headline"]
+        assert found == (1, [headline, "nobody looks at r1"])  # what the service says, see repairs_double.py
         monkeypatch.setenv("ROBOMEND_URL", service.url)
         code, said = said_of_the_robot(["--robot", "r2"], capsys)
         assert code == 1

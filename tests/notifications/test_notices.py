@@ -72,7 +72,7 @@ def test_what_was_measured_of_the_newest_symptoms_is_told() -> None:
     ]
     first = WAITING["rounds"][0]
     notice = told(Kind.REPAIR, {**WAITING, "rounds": [first, {**first, "symptoms": symptoms}]})
-    assert notice.lines[-1] == "seen: not ok(scan): 0 of 10 Hz for 2.1 s"
+    assert notice.lines[-1] == "seen: scan is not as it should be (0 of 10 Hz for 2.1 s)"
 
 
 def test_the_same_plan_is_the_same_notice_and_another_one_is_another() -> None:

@@ -57,7 +57,7 @@ def test_what_was_done_in_vain_is_not_repeated_where_that_costs_more_than_it_sav
         "probably imu itself: a person is needed; "
         "no known repair: driver was repaired before, and it did not help; "
         "imu left alone for a while, as its repairs keep failing or do not last; "
-        "suspected most: imu (weight 0.95), driver (weight 0.048)"
+        "suspected most: imu (95% likely), driver (5% likely)"
     )
 
 

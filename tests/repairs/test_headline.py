@@ -71,7 +71,7 @@ BY_MEDIUM = "altitude works by medium since 23:23:04, as visibility fell to 2.9,
         ({"health": HealthState.HEALTHY, "since_ns": AT}, f"Healthy since 23:23:04; {BY_MEDIUM}."),
         (
             {"health": HealthState.DEGRADED, "blamed": [(("lamp",), None)], "since_ns": AT},
-            f"something is wrong, because of lamp since 23:23:04; the robot works without it; {BY_MEDIUM}.",
+            f"something is wrong since 23:23:04, because of lamp; the robot works without it; {BY_MEDIUM}.",
         ),
     ],
 )
@@ -365,6 +365,19 @@ def test_what_goes_off_with_a_device_or_stays_on_is_said(
         ),
         ("power_up(Front/Lidar) answered 'done'", "powering up Front/Lidar answered 'done'"),
         ("shutdown(a): the policy says no", "switching off a: the policy says no"),
+        (
+            "jaguar explains not on(jaguar) and not ok(odom)",
+            "jaguar explains no power at jaguar and odom not ok",
+        ),
+        (
+            "but running(a), ok(b) and on(c) were not seen",
+            "but a running, b ok and power at c were not seen",
+        ),
+        ("a(on(x)), ok(age, scan), book(x)", "a(power at x), ok(age, scan), book(x)"),
+        (
+            "no known repair: fan: no known action makes it good (it has no power channel); b left alone",
+            "no known action mends fan (it has no power channel); b left alone",
+        ),
         ("restart_node(map) failed", "restart_node(map) failed"),
         ("my_start_node(map) failed", "my_start_node(map) failed"),
         ("start_node(a, b) failed", "start_node(a, b) failed"),
@@ -372,6 +385,17 @@ def test_what_goes_off_with_a_device_or_stays_on_is_said(
 )
 def test_reasons_name_actions_as_people_say_them(reason: str, prose: str) -> None:
     assert in_prose(reason) == prose
+
+
+def test_what_a_vain_repair_took_away_for_a_moment_is_as_old_as_before_it() -> None:
+    """A driver that ends at each start: it ran for a moment, and is down since it first ended."""
+    began, again = AT - 60 * 10**9, symptom("not running(map)", "map")
+    tried = {"diagnosis": {"bad": ["map"]}, "plan": [], "symptoms": [symptom("not running(map)", at=began)]}
+    ended = repair(RepairState.ESCALATED, rounds=[tried], reason="it did not help", finished_ns=AT + 1)
+    what, _ = said(blamed=[(("map",), None)], symptoms=[again], repair=ended)
+    assert what == "map is not running since 23:22:04."
+    what, _ = said(blamed=[(("map",), None)], symptoms=[again], repair={**ended, "finished_ns": AT - 1})
+    assert what == "map is not running since 23:23:04."  # it was well in the meantime
 
 
 def test_a_repair_that_has_just_begun_does_not_say_that_nothing_explains_it() -> None:

@@ -68,7 +68,7 @@ def test_a_clock_that_is_set_while_a_page_is_open_stops_nothing(
         page.clock.install()
         opened(page, through.url, robot)
         service.observe("not ok(map)", robot=robot)
-        expect(page.locator(".diagnoses")).to_contain_text("explains not ok(map)")
+        expect(page.locator(".diagnoses")).to_contain_text("explains map not ok")
         page.clock.set_system_time(time.time() + off_s)
         service.observe("ok(scan)", robot=robot)
         expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")

@@ -74,9 +74,11 @@ def test_an_empty_list_says_how_to_begin_and_shows_no_empty_table(tmp_path: Path
         for way in ("robomend attach", "robomend demo --page", "tutorial"):
             expect(page.locator(".first")).to_contain_text(way)
         assert page.locator("table, .counts").count() == 0
+        expect(page.get_by_role("searchbox")).to_have_count(0)  # there is nothing to be found
         assert serious(page) == []
         empty.with_robot("first")
         expect(page.get_by_role("link", name="first", exact=True)).to_be_visible()
+        expect(page.get_by_role("searchbox")).to_be_visible()
 
 
 def test_search_and_filter_have_addresses(seen: Service, look: Look) -> None:

@@ -37,5 +37,5 @@ def test_a_long_name_is_cut_and_told_whole_in_its_title() -> None:
     long = "n" * 200
     root = drawn(("=-", "-="), ["a", long])
     assert float(root.get("width", "")) < 700
-    assert float(root.get("height", "")) < 500
+    assert float(root.get("height", "")) < 560
     assert [title.text for title in root.iter(f"{SVG}title")].count(long) == 2

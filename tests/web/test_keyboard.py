@@ -90,7 +90,7 @@ def test_an_operator_needs_no_mouse(keyed: Service, look: Look) -> None:
     # answering a probe
     reach(page, "Yes: is scan as it should be?", "button")
     page.keyboard.press("Enter")
-    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains not ok(map)")
+    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains map not ok")
     expect(page.locator(".diagnoses li")).to_have_count(1)
 
     # approving what is planned now

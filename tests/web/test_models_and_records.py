@@ -93,7 +93,7 @@ def test_what_if_has_an_address_and_touches_no_robot(kept: Service, look: Look) 
     page.get_by_label("Taken to be healthy").fill("hokuyo")
     page.get_by_role("button", name="Ask").click()
     expect(page.locator(".diagnoses li")).to_have_count(1)
-    assert "hokuyo_node explains not ok(scan)" in page.inner_text(".diagnoses")
+    assert "hokuyo_node explains scan not ok" in page.inner_text(".diagnoses")
     assert "Start hokuyo_node" in page.inner_text(".plan")
     assert "model=tedusar" in page.url
     keep(page, "what-if")

@@ -73,6 +73,7 @@ def test_scripts_are_kept_as_long_as_they_are_of_this_version(service: Service) 
         answer = service.http.get(static_address(name))
         assert answer.status_code == 200
         assert "immutable" in answer.headers["cache-control"]
+        assert not re.search(r"^\s*(//|/\*)", answer.text, re.MULTILINE), "comments are not for browsers"
         assert service.http.get(f"/ui/static/older/{name}").headers["cache-control"] == "no-store"
 
 

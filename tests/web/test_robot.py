@@ -147,7 +147,7 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     assert "things will not work" in part(page, "findings")
     diagnosis = part(page, "diagnosis")
     for name in ("hokuyo", "hokuyo_node", "hector_mapping"):
-        assert f"{name}\n{name} explains not ok(map)" in diagnosis
+        assert f"{name}\n{name} explains map not ok" in diagnosis
     assert "There are no others." in diagnosis
     assert "Is scan as it should be? Yes leaves hector_mapping; no leaves hokuyo" in diagnosis
     looked = page.get_by_title("ok(scan): expected 0.92 bit for 1.0 s of looking")
@@ -156,7 +156,7 @@ def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
     assert "Approve" in part(page, "state")
     observed = part(page, "obs")
     assert re.search(
-        r"not ok\(map\)\s+0 of 2 Hz for 3.1 s, 1 to 3 Hz\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed
+        r"map is silent\s+0 of 2 Hz for 3.1 s, 1 to 3 Hz\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed
     )
     assert page.locator(".timeline rect.suspect").count() >= 3
 
@@ -205,7 +205,7 @@ def test_what_is_bad_is_seen_first_and_the_rest_is_folded_by_component(service: 
     service.observe(*seen, robot="sorted", readings=[None, None, None, None, rate, fine])
     page = live(look(service), "/ui/robots/sorted")
     obs = page.locator('[data-part="obs"]')
-    expect(obs.locator("tbody tr").first).to_contain_text("not ok(scan) 3 of 10 Hz, 8 to 12 Hz")
+    expect(obs.locator("tbody tr").first).to_contain_text("scan is too slow 3 of 10 Hz, 8 to 12 Hz")
     good = obs.locator("#obs-good")
     assert good.get_attribute("open") is None
     expect(good.locator("summary")).to_have_text("5 are as they should be, of 5 components")
@@ -228,11 +228,11 @@ def test_beside_a_number_stands_how_it_went(service: Service, look: Look) -> Non
         service.observe(*seen, robot="measured", readings=[rate, volts, said])
     page = live(look(service), "/ui/robots/measured")
     obs = page.locator('[data-part="obs"]')
-    course = obs.locator("tr", has_text="not ok(scan)").get_by_role("img")
+    course = obs.locator("tr", has_text="scan is not as it should be").get_by_role("img")
     expect(course).to_have_accessible_name(re.compile(r"^ok\(scan\): 3 to 10 Hz in the last .*s, now 3$"))
     assert (course.locator(".line").get_attribute("d") or "").count("M") == 2, "from 10 to 9 and to 8.5"
     assert (course.locator(".amiss").get_attribute("d") or "").count("M") == 2, "to 4, and to 3"
-    assert obs.locator("tr", has_text="not running(hector_mapping)").get_by_role("img").count() == 0
+    assert obs.locator("tr", has_text="hector_mapping is not running").get_by_role("img").count() == 0
     obs.locator("#obs-good summary").click()
     steady = obs.locator("tr", has_text="on(jaguar)").get_by_role("img")
     expect(steady).to_have_accessible_name(re.compile(rf"24 to 24 {re.escape(MARKUP)}"))
@@ -246,7 +246,7 @@ def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service,
     page = live(look(service), "/ui/robots/probed")
     page.get_by_role("button", name="Yes: is scan as it should be?").click()
     expect(page.locator(".diagnoses li")).to_have_count(1)
-    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains not ok(map)")
+    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains map not ok")
     expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")
     page.get_by_label("Seen by you, just now").fill("not ok(sca)")
     page.get_by_role("button", name="Report").click()

@@ -108,9 +108,9 @@ SITUATIONS = {
 }
 
 
-def repairs(service: Service, robot: str, state: str) -> list[str]:
+def repairs(service: Service, robot: str, state: str = "") -> list[str]:
     found = service.api("GET", f"/robots/{robot}/repairs").json()["items"]
-    return [one["id"] for one in found if one["state"] == state]
+    return [one["id"] for one in found if not state or one["state"] == state]
 
 
 @pytest.fixture(scope="module")
@@ -252,6 +252,27 @@ def test_repair_and_event_and_mail_say_the_same(six: Service, robot: str) -> Non
         text = message(1, notice.data, None)["text"]
         assert re.search(case.then, text)
         assert re.search(case.what, f"{notice.title}.\n{text}")
+
+
+FORMAL = re.compile(r"\b(?:ok|on|running)\(|\b(?:start_node|stop_node|power_up|shutdown)\b|\bweight\b")
+"""What models and plans are written in: it belongs into titles, and beside rules."""
+
+
+PARTS = r'<section[^>]*data-part="(?:state|repair|diagnosis|obs)".*?</section>'
+NO_TEXT = re.compile(r"<(style|svg|code|head)\b.*?</\1>|<[^>]*>", re.DOTALL)
+
+
+@pytest.mark.parametrize("robot", ["asks", "runs", "gave_up", "escalated", "twofold"])
+def test_no_sentence_is_in_the_letters_of_models_and_plans(six: Service, robot: str) -> None:
+    repair = six.api("GET", f"/repairs/{repairs(six, robot)[0]}").json()
+    waits = {one["robot"]: one["waits"] for one in six.api("GET", "/status").json()["robots"]}
+    told = [repair["headline"], waits[robot], *repair["account"]]
+    paths = [f"/ui/robots/{robot}", *(f"/ui/repairs/{repair['id']}{which}" for which in ("", "/report"))]
+    page, *records = (six.http.get(path).raise_for_status().text for path in paths)
+    told += [*records, *re.findall(PARTS, page, re.DOTALL)]
+    assert len(told) == 2 + len(repair["account"]) + 2 + 4
+    lines = [line for text in told for line in NO_TEXT.sub("\n", text).splitlines()]
+    assert [line for line in lines if FORMAL.search(line)] == []
 
 
 def test_the_header_of_a_phone_is_one_line(six: Service, look: Look) -> None:

@@ -63,8 +63,8 @@ from robomend.web.fleet import Fleet
 DESCRIPTION = """Finds out why a robot misbehaves, repairs it, and looks whether it worked.
 
 Observations come in, minimal diagnoses come out; repairs are planned, approved and carried out. Lists are
-`{"items": [...], "next": ...}`, or NDJSON for who asks; errors are problem details (RFC 9457) with a stable
-`code`; what was acknowledged is on disk."""
+`{"items": [...], "next": ...}`, or NDJSON for those who ask; errors are problem details (RFC 9457) with a
+stable `code`; what was acknowledged is on disk."""
 
 TAGS = [
     {"name": "models", "description": "System descriptions, versioned; a robot follows its model"},

@@ -84,11 +84,14 @@ def command(
 
 def _looks(settings: Settings, robot: str | None, url: str | None, key: str | None) -> Iterator[Finding]:
     if robot is not None and url is not None:
-        yield from _robot(robot, lambda: _asked(robot, url, key))
+        yield from _asked(robot, url, key)
         return
     yield from examine(settings)
     if robot is not None:
-        yield from _robot(robot, lambda: _read(robot, settings))
+        try:
+            yield from _findings(robot, _read(robot, settings))
+        except (RobomendError, OSError) as error:
+            yield Finding(f"robot {robot}", False, str(error))
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
@@ -111,14 +114,9 @@ def examine(settings: Settings) -> Iterator[Finding]:
             yield Finding(name, False, str(error))
 
 
-def _robot(robot: str, look: Callable[[], Sequence[str]]) -> Iterator[Finding]:
+def _findings(robot: str, said: Sequence[str]) -> Iterator[Finding]:
     """Yield what there is to say of a robot, one finding each."""
     name = f"robot {robot}"
-    try:
-        said = look()
-    except (RobomendError, OSError) as error:
-        yield Finding(name, False, str(error))
-        return
     for sentence in said:
         yield Finding(name, False, sentence)
     if not said:
@@ -297,11 +295,17 @@ def _version(asked: HTTPConnection) -> str | None:
 # --- what `robomend doctor --robot` finds out of a robot: from a service that runs, or from the database.
 
 
-def _asked(robot: str, url: str, key: str | None) -> Sequence[str]:
-    """Return what the service at `url` says of the robot."""
-    with asking(url, key, robot=robot) as client:
-        found: Sequence[str] = client.robot(robot).value.get("findings", ())
-        return found
+def _asked(robot: str, url: str, key: str | None) -> Iterator[Finding]:
+    """Yield what the service at `url` says of the robot: how it is, and what stands in a repair's way."""
+    name = f"robot {robot}"
+    try:
+        with asking(url, key, robot=robot) as client:
+            found = client.robot(robot).value
+    except (RobomendError, OSError) as error:
+        yield Finding(name, False, str(error))
+        return
+    yield Finding(name, found["healthy"] is not False, found["headline"])
+    yield from _findings(robot, found.get("findings", ()))
 
 
 def _read(robot: str, settings: Settings) -> Sequence[str]:

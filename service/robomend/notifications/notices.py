@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from robomend.drills.record import DrillState
 from robomend.planning.plan import action_titles, in_prose
-from robomend.repairs.headline import Facts, headline, of_repair, short, told
+from robomend.repairs.headline import Facts, headline, observed, of_repair, short, told
 from robomend.repairs.states import ChangeState, RepairState
 from robomend.robots.health import HealthState
 from robomend.timestamps import rfc3339
@@ -144,7 +144,8 @@ def _of_repair(event: Event) -> Notice | None:
     if diagnosis.get("bad"):
         lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
     lines += [f"seen: {one}" for one in _measured(data)]
-    lines += [f"reason: {in_prose(reason)}"] if reason and short(reason) not in then else []
+    why = reason.removeprefix(f"{', '.join(diagnosis.get('bad') or ())}: ")
+    lines += [f"reason: {in_prose(why)}"] if why and short(reason) not in then else []
     title = f"{event.robot}: {what.rstrip('.')}"
     return Notice(about, key, event.robot, repair, event.time_ns, title, tuple(lines))
 
@@ -174,7 +175,7 @@ def _measured(data: Json) -> list[str]:
     """Return what was measured of the symptoms that a repair's newest round, or its end, rests on."""
     newest: Json = data.get("unmended") or next(reversed(data.get("rounds") or ()), {})
     found = [one for one in newest.get("symptoms", ()) if one.get("reading")]
-    return [f"{one['literal']}: {one['reading']['text']}" for one in found[:MOST_MEASURED]]
+    return [observed(one) for one in found[:MOST_MEASURED]]
 
 
 def _of_drill(event: Event) -> Notice | None:

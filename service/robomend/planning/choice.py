@@ -405,7 +405,7 @@ SUSPECTED = "suspected most: "
 def suspected_most(weighed: Iterable[tuple[Diagnosis, float]]) -> str:
     """Name the most probable of some diagnoses with their weights."""
     by_weight = sorted(weighed, key=lambda one: -one[1])[:TOLD]
-    named = (f"{' and '.join(diagnosis.bad)} (weight {weight:.2g})" for diagnosis, weight in by_weight)
+    named = (f"{' and '.join(diagnosis.bad)} ({weight:.0%} likely)" for diagnosis, weight in by_weight)
     return f"{SUSPECTED}{', '.join(named)}"
 
 

@@ -63,7 +63,19 @@ DOING = {
 }
 """The same inside a sentence: "starting lidar_node failed"."""
 
-_IN_PDDL = re.compile(rf"(?<![\w-])({'|'.join(DOING)})\(([^(),]+)\)")
+IS = {
+    "ok": ("{} ok", "{} not ok"),
+    "on": ("power at {}", "no power at {}"),
+    "running": ("{} running", "{} not running"),
+}
+"""How what is observed is said inside a sentence: "scan not ok", "no power at lidar"."""
+
+_IN_PDDL = re.compile(
+    rf"(?<![\w-])(?:(?P<act>{'|'.join(DOING)})|(?P<not>not )?(?P<state>{'|'.join(IS)}))\((?P<of>[^(),]+)\)"
+)
+_UNMENDED = re.compile(
+    r"(?:no known repair: )?([^\s:;]+): (no (?:sequence of )?known actions?) makes it good"
+)
 
 PAIRS = {("shutdown", "power_up"): "Power-cycle", ("stop_node", "start_node"): "Restart"}
 """Two actions on one component that people have one word for."""
@@ -80,10 +92,16 @@ def action_title(name: str, parameters: Sequence[str]) -> str:
 
 
 def in_prose(text: str) -> str:
-    """Return a sentence with the domain's own actions as people say them: reasons have them as the plan does,
-    `start_node(lidar_node) failed`.
+    """Return a sentence with actions and observations as people say them: reasons have them as the plan does,
+    `start_node(lidar_node) failed, ok(scan) was not seen`.
     """
-    return _IN_PDDL.sub(lambda found: f"{DOING[found[1]]} {found[2]}", text)
+
+    def said(found: re.Match[str]) -> str:
+        if found["act"]:
+            return f"{DOING[found['act']]} {found['of']}"
+        return IS[found["state"]][found["not"] is not None].format(found["of"])
+
+    return _UNMENDED.sub(r"\2 mends \1", _IN_PDDL.sub(said, text))
 
 
 def step_title(step: Mapping[str, Any]) -> str:

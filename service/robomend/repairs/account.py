@@ -20,7 +20,7 @@ from robomend.model.vocabulary import ACTIVE
 from robomend.planning.choice import Choice
 from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.execution_values import Ending
-from robomend.repairs.headline import began, seen
+from robomend.repairs.headline import began, observed, seen, surely
 from robomend.repairs.states import StepState
 from robomend_client.counts import counted
 from robomend_client.literals import Atom
@@ -101,7 +101,7 @@ def account(repair: Json) -> list[str]:
         lines += _grounds(vain)
     lines += [one["text"] for one in repair.get("doubts", ())]
     if repair["waiting_for"]:
-        lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
+        lines.append(f"waiting for {in_prose(', '.join(repair['waiting_for']))}")
     at = repair["finished_ns"] or repair["updated_ns"]
     lines.append(f"{_clock(at)} {repair['state']}: {in_prose(repair['reason'])}".rstrip(": "))
     if repair.get("retry_ns"):
@@ -111,7 +111,7 @@ def account(repair: Json) -> list[str]:
 
 def _round(number: int, done: Json) -> list[str]:
     at = f"{_clock(done['began_ns'])} " if done.get("began_ns") else ""
-    lines = [f"{at}round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_weight(done.get('weight'))}"]
+    lines = [f"{at}round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_belief(done.get('weight'))}"]
     lines += _grounds(done)
     for step in done["plan"]:
         lines.append(f"  {_step(step, ended=done['ending'] is not None)}")
@@ -135,7 +135,7 @@ def not_chosen(rival: Json, done: Json) -> str:
     """Return which rival of a round was not chosen, and why."""
     names = ", ".join(rival["bad"])
     why = rival["why"] if str(rival["why"]).startswith(names) else f"{names}: {rival['why']}"
-    return f"not chosen{_weight(rival['weight'])}: {in_prose(why)}{_lost(rival, done)}"
+    return f"not chosen: {in_prose(why)}{_lost(rival, done)}"
 
 
 def since(seen: Json) -> int | None:
@@ -144,11 +144,18 @@ def since(seen: Json) -> int | None:
     return found
 
 
-def how_it_ended(done: Json) -> str:
-    """Return how a round ended, in words; whether it helped and whether all of it was done are two things."""
+def how_it_ended(done: Json, *, brief: bool = False) -> str:
+    """Return how a round ended, in words; whether it helped and whether all of it was done are two things.
+
+    Args:
+        brief: without a reason that a step of the plan has said already.
+    """
+    said = {step.get("message") for step in done["plan"]}
+    if brief and not done.get("helped") and done.get("reason") in said:
+        return "it did not help"
     why, bad = in_prose(done.get("reason") or done["ending"]), " and ".join(done["diagnosis"]["bad"])
     if done.get("by_itself"):
-        return f"well again, and credited to nobody: {done['by_itself']}"
+        return f"well again, and credited to nobody: {in_prose(done['by_itself'])}"
     if done.get("undid"):
         fails = ", ".join(done["undid"])
         return f"it did not help: {bad} is well again, and what held before it does not: {fails}"
@@ -163,7 +170,7 @@ def how_it_ended(done: Json) -> str:
 def waited(wait: Json) -> str:
     """Say what was waited for before a round, and for how long."""
     lasted = f", for {(wait['until_ns'] - wait['from_ns']) / 1e9:.1f} s" if wait.get("until_ns") else ""
-    return f"waiting {wait['why']}: {', '.join(wait['names'])}{lasted}"
+    return in_prose(f"waiting {wait['why']}: {', '.join(wait['names'])}{lasted}")
 
 
 def _waited(wait: Json) -> str:
@@ -183,13 +190,13 @@ def _lost(rival: Json, done: Json) -> str:
 
 
 def _step(step: Json, *, ended: bool) -> str:
-    title = f"{step_title(step)} ({step['text']})"
+    title = step_title(step)
     if step.get("sent_ns") is None:
         state = step.get("state", StepState.WAITING)
         return f"{title}: {'not begun' if ended and state == StepState.WAITING else state}{_said(step)}"
     until = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
-    seen = f"; seen: {', '.join(step['seen'])}" if step.get("seen") else ""
-    missing = f"; not seen: {', '.join(step['missing'])}" if step.get("missing") else ""
+    seen = f"; seen: {in_prose(', '.join(step['seen']))}" if step.get("seen") else ""
+    missing = f"; not seen: {in_prose(', '.join(step['missing']))}" if step.get("missing") else ""
     # A step whose action answered and whose effect was not seen has failed; it is not its action that did.
     state = "effect missing" if missing else step["state"]
     sent = f"sent {_times(step)}{_clock(step['sent_ns'])}"
@@ -206,8 +213,8 @@ def _said(step: Json) -> str:
     if step.get("missing"):
         return " (its action answered 'done')"  # what was not seen of it follows
     if step.get("result") and step.get("state") == StepState.DONE:  # what counts is what was seen of it
-        return f" (although its action answered {step['result']}: {step['message']})"
-    return f" ({step['message']})" if step.get("message") else ""
+        return f" (although its action answered {step['result']}: {in_prose(step['message'])})"
+    return f" ({in_prose(step['message'])})" if step.get("message") else ""
 
 
 def _seen(entry: Entry) -> dict[str, Any]:
@@ -216,9 +223,8 @@ def _seen(entry: Entry) -> dict[str, Any]:
 
 
 def _observed(seen: Json) -> str:
-    began, reading = since(seen), seen.get("reading")
-    measured = f": {reading['text']}" if reading else ""
-    return f"{seen['literal']} since {_clock(began)}{measured}" if began else f"{seen['literal']}{measured}"
+    began = since(seen)
+    return f"{observed(seen)} since {_clock(began)}" if began else observed(seen)
 
 
 def _anew(seen: Json, done: Json) -> str:
@@ -229,8 +235,8 @@ def _anew(seen: Json, done: Json) -> str:
     return f", and anew since {_clock(fresh)}"
 
 
-def _weight(weight: float | None) -> str:
-    return "" if weight is None else f" (weight {weight:.2g})"
+def _belief(weight: float | None) -> str:
+    return "" if weight is None or not (words := surely(weight)) else f" ({words})"
 
 
 def _clock(time_ns: int) -> str:

@@ -254,7 +254,7 @@ def _unobserved(state: Robot) -> Iterator[str]:
     if topics:
         yield (
             f"topic{'s' if len(topics) > 1 else ''} {_some(topics)}: not in `observed`, and never reported; "
-            "nobody would notice their silence"
+            f"nobody would notice {'their' if len(topics) > 1 else 'its'} silence"
         )
 
 

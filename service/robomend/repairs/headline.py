@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
@@ -224,8 +224,7 @@ def _measured(why: str, robot: Robot) -> str:
     def said(found: re.Match[str]) -> str:
         atom = _atom(found[1])
         entry = None if atom is None else robot.obs.get(atom)
-        reading = None if entry is None else entry.measured()
-        return in_words(found[1], reading) + (f" ({reading['text']})" if reading else "")
+        return observed({"literal": found[1], "reading": None if entry is None else entry.measured()})
 
     return re.sub(r"(not \w+\([^()]*\)) is observed", said, why)
 
@@ -256,6 +255,7 @@ def of_repair(repair: Json) -> Headline:
 
 def headline(of: Facts) -> Headline:
     """Return what people are told of a situation."""
+    of = replace(of, symptoms=[{**one, "onset_ns": _since_when(one, of.repair)} for one in of.symptoms])
     what, since_ns = _what(of)
     if of.health is not HealthState.HEALTHY:
         for one in of.starved[:MANY]:
@@ -395,7 +395,7 @@ def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None, doing: str
     if doing and (symptom is None or _own(symptom["literal"], cause.component)):
         return [done]
     if symptom is None:
-        return [f"something is wrong{_because(cause)}", *_since(since_ns)]
+        return ["something is wrong", *_since(since_ns), _because(cause)]
     words: list[str | int] = [in_words(symptom["literal"], symptom.get("reading"))]
     words += _since(_begun(symptom) or since_ns)
     if measured := (symptom.get("reading") or {}).get("text"):
@@ -409,16 +409,18 @@ def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None, doing: str
 
 def _because(cause: _Cause) -> str:
     """Return who is blamed, and how surely."""
-    if cause.share > 1 - 1e-9:
-        return f", because of {cause.component}"
-    if cause.share >= LIKELY:
-        surely = "almost certainly" if cause.share >= CERTAIN else "probably"
-        return f", {surely} because of {cause.component}"
     names = (cause.component, *cause.others)
-    if len(names) == 1:
-        return f", perhaps because of {cause.component}"
+    if cause.share >= LIKELY or len(names) == 1:
+        return f", {' '.join(filter(None, (surely(cause.share), 'because of', cause.component)))}"
     shown = names if len(names) <= MANY else (*names[: MANY - 1], "another")
     return f", because of one of {_number(len(names))}: {', '.join(shown[:-1])} or {shown[-1]}"
+
+
+def surely(share: float) -> str:
+    """Return how surely something is the cause, in words; of what is certain nothing."""
+    if share >= CERTAIN:
+        return "" if share > 1 - 1e-9 else "almost certainly"
+    return "probably" if share >= LIKELY else "perhaps"
 
 
 WAYS = {
@@ -434,18 +436,28 @@ WAYS = {
 }
 """How what does not hold is said, where its observer says in which way it is bad."""
 
-STATES = {"on": "has no power", "running": "is not running", "ok": "is not as it should be"}
+STATES = {
+    "on": ("has power", "has no power"),
+    "running": ("is running", "is not running"),
+    "ok": ("is as it should be", "is not as it should be"),
+}
 
 
 def in_words(literal: str, reading: Json | None = None) -> str:
-    """Return what does not hold in words: `not on(hokuyo)` is "hokuyo has no power"."""
-    atom = _atom(literal)
-    if atom is None or not literal.startswith("not ") or len(atom.args) != 1:
+    """Return what was observed in words: `not on(hokuyo)` is "hokuyo has no power"."""
+    atom, bad = _atom(literal), literal.startswith("not ")
+    if atom is None or len(atom.args) != 1:
         return literal
     way = (reading or {}).get("symptom")
-    if atom.predicate in {"ok", "running"} and way in WAYS:
+    if bad and atom.predicate in {"ok", "running"} and way in WAYS:
         return f"{atom.args[0]} {WAYS[Symptom(way)]}"
-    return f"{atom.args[0]} {STATES[atom.predicate]}" if atom.predicate in STATES else literal
+    return f"{atom.args[0]} {STATES[atom.predicate][bad]}" if atom.predicate in STATES else literal
+
+
+def observed(seen: Json) -> str:
+    """Return what was observed in words, with what was measured: "scan is silent (0 of 10 Hz)"."""
+    reading = seen.get("reading")
+    return in_words(seen["literal"], reading) + (f" ({reading['text']})" if reading else "")
 
 
 def question(atom: str) -> str:
@@ -586,6 +598,16 @@ def _following(names: Sequence[str]) -> str:
 
 def _since(time_ns: int | None) -> tuple[str | int, ...]:
     return () if time_ns is None else (" since ", time_ns)
+
+
+def _since_when(symptom: Json, repair: Json | None) -> int | None:
+    """Return when a symptom began: what a vain repair took away for a moment is as old as before it."""
+    now = _begun(symptom)
+    if repair is None or now is None or now > (repair["finished_ns"] or now):
+        return now
+    seen = (one for done in repair.get("rounds") or () for one in done.get("symptoms") or ())
+    tried = (_begun(one) for one in seen if one["literal"] == symptom["literal"])
+    return min([now, *filter(None, tried)])
 
 
 def _begun(symptom: Json) -> int | None:

@@ -23,7 +23,7 @@ CELL, LETTERS = 20, 13  # pixels
 TOP, MARGIN = 64, 16
 TOLD = {"-": "never told apart", "~": "told apart by some symptoms of the first only", "?": "not known"}
 """What is marked, in the titles of the marks."""
-LEGEND = 190  # of one mark and its words; two stand side by side, as a phone has room for
+LEGEND = 300  # pixels: the words below and above the figure, which a phone shows whole
 MOST_ROWS = 200
 """Faults in one figure; what is left out is said in it."""
 MOST_NAME = 260
@@ -38,15 +38,15 @@ def isolability_matrix(
     names = [" + ".join(fault) for fault in faults[:count]]
     wide = min(max((width(name, LETTERS) for name in names), default=0.0), MOST_NAME) + 12
     left, top = MARGIN + wide, TOP + wide
-    all_wide = max(left + count * CELL, MARGIN + 2 * LEGEND, MARGIN + len(title) * 8) + MARGIN
-    height = top + count * CELL + 100
+    all_wide = max(left + count * CELL, MARGIN + LEGEND, MARGIN + len(title) * 8) + MARGIN
+    height = top + count * CELL + 152
     out = [
         f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {all_wide:.0f} {height:.0f}' "
         f"width='{all_wide:.0f}' height='{height:.0f}' role='img' {FONT} font-size='13' fill='{INK}'>",
         f"<title>{escape(title)}</title>",
         f"<rect width='{all_wide:.0f}' height='{height:.0f}' fill='white'/>",
         f"<text x='{MARGIN}' y='24' font-size='16' font-weight='600'>{escape(title)}</text>",
-        f"<text x='{MARGIN}' y='42' fill='{MUTED}'>Can the fault of the row be told from that of the column?"
+        f"<text x='{MARGIN}' y='42' fill='{MUTED}'>Is the row's fault told from the column's?"
         f"{f' The first {count} of {len(faults)}.' if count < len(faults) else ''}</text>",
     ]
     for index, name in enumerate(names):
@@ -73,7 +73,7 @@ def isolability_matrix(
     for place, (kind, words) in enumerate(
         (("-", "never"), ("~", "by some symptoms only"), ("+", "always"), ("?", "not known"))
     ):
-        x, y = MARGIN + place % 2 * LEGEND, top + count * CELL + 22 + place // 2 * 26
+        x, y = MARGIN, top + count * CELL + 22 + place * 26
         frame = f"<path d='M{x:.1f} {y:.1f}h{CELL}v{CELL}h{-CELL}z' fill='none' stroke='{GRID}'/>"
         out += [frame, _cell(kind, x, y), f"<text x='{x + CELL + 6:.1f}' y='{y + 14:.1f}'>{words}</text>"]
     out.append(

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robomend.planning.plan import action_title
+from robomend.planning.plan import action_title, in_prose
+from robomend.repairs.headline import question
 from robomend.repairs.states import RepairState, StepState
 from robomend.store.records import AuditEntry
 from robomend_client.counts import counted
@@ -145,15 +146,15 @@ def waits_for(repair: Json | None, *, healthy: bool | None, policy: str) -> tupl
     if repair is not None and repair["finished_ns"] is None:
         return _of_open(repair)
     if healthy is None and repair is not None and repair["state"] == RepairState.UNCONFIRMED:
-        return f"a look: {repair['reason']}", True
+        return f"a look: {in_prose(repair['reason'])}", True
     if healthy is not False:
         return "", False
     if policy == "observe":
         return "a person: robomend only observes it", True
     if repair is not None and repair["state"] in {RepairState.ESCALATED, RepairState.UNCONFIRMED}:
-        return f"a person: {repair['reason'] or 'the last repair did not help'}", True
+        return f"a person: {in_prose(repair['reason']) or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:
-        reason = f": {repair['reason']}" if repair["reason"] else ""
+        reason = f": {in_prose(repair['reason'])}" if repair["reason"] else ""
         return f"a person: the last repair {ENDED[repair['state']]}{reason}", True
     return "", False
 
@@ -165,9 +166,10 @@ def _of_open(repair: Json) -> tuple[str, bool]:
         plan = f" of a plan of {counted(steps, 'action')}" if steps else ""
         return f"approval{plan}", True
     if state == RepairState.WAITING and repair["waiting_for"]:
-        atoms = listed(repair["waiting_for"])
-        probe = repair["probe"] is not None and repair["waiting_for"] == [repair["probe"]["atom"]]
-        return (f"a look: is {atoms}?", True) if probe else (f"observations: {atoms}", False)
+        probe = repair["probe"]
+        if probe is not None and repair["waiting_for"] == [probe["atom"]]:
+            return f"a look: {question(probe['atom'])}", True
+        return f"observations: {listed(repair['waiting_for'])}", False
     if state == RepairState.RUNNING:
         running = [step for step in repair["plan"] if step["state"] == StepState.RUNNING]
         at_work = [action_title(step["name"], step["parameters"]) for step in running]

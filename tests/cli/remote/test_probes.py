@@ -29,7 +29,7 @@ def test_what_was_measured_is_given_with_the_sentence_and_shown_by_status(
         "observe", robot, "not ok(scan)", "ok(map)", "--reading", "0 of 10 Hz", "--reading", "9 Hz"
     )
     assert code == 0
-    assert "\nseen: not ok(scan): 0 of 10 Hz\n" in say("status", robot)[1]
+    assert "\nseen: scan is not as it should be (0 of 10 Hz)\n" in say("status", robot)[1]
     assert "9 Hz" not in say("status", robot)[1]  # of what is good nobody asks
     assert [
         one["reading"]["text"] for one in answer(say("status", robot, "--format", "json"))["measured"]

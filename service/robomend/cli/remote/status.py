@@ -12,6 +12,7 @@ from robomend.cli.remote.connection import asking, format_option, service_option
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
 from robomend.planning.plan import in_prose, step_title
+from robomend.repairs.headline import observed, short
 from robomend.repairs.states import RepairState
 from robomend_client.counts import counted
 
@@ -134,7 +135,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
     if robot["unknown"]:
         yield f"not known: {', '.join(robot['unknown'])}"
     for one in known["measured"][:MEASURED]:
-        yield f"seen: {one['literal']}: {one['reading']['text']}"
+        yield f"seen: {observed(one)}"
     if len(known["measured"]) > MEASURED:
         yield f"and {len(known['measured']) - MEASURED} more"
     if diagnosis["fault"] is not None:
@@ -154,7 +155,8 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         yield f"{one['function']}: {one['active'] or 'not known'} (best now: {one['goal'] or 'none'}){held}"
     if repair is not None:
         ended = f", ended {at(repair['finished_ns'])}" if repair["finished_ns"] else ""
-        reason = f": {in_prose(repair['reason'])}" if repair["reason"] else ""
+        told = short(repair["reason"]) in robot["headline"]
+        reason = f": {in_prose(repair['reason'])}" if repair["reason"] and not told else ""
         yield f"repair {repair['id']}: {repair['state']}{ended}{reason}"
         if repair["state"] == RepairState.AWAITING_APPROVAL:
             for step in repair["plan"]:

@@ -161,7 +161,7 @@ def _action(data: Mapping[str, Any]) -> str | None:
         state = "answered"  # and its effect is awaited
     words = f"{action_title(str(data.get('name')), data.get('parameters', ()))}: {state}"
     message = data.get("message") or (data.get("feedback") or {}).get("message")
-    return words + (f": {message}" if message else "")
+    return words + (f": {in_prose(message)}" if message else "")
 
 
 def _board(data: Mapping[str, Any]) -> str | None:
