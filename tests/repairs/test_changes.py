@@ -75,6 +75,9 @@ CONFIG: dict[str, Any] = {
 }
 
 
+FUNCTION_OF = {"set_mode": "altitude", "localise": "localisation", "map": "mapping"}
+
+
 @dataclass
 class Rover(Robot):
     """Works by one variant of each function, and says so."""
@@ -83,6 +86,7 @@ class Rover(Robot):
     visibility: float = 4.0
     lidar: bool = True  # whether it answers
     driver: bool = True
+    spares: dict[str, bool] = field(default_factory=dict)  # devices that are off until they are switched on
     deaf: set[str] = field(default_factory=set)  # acts that are answered with a failure
     mute: set[str] = field(default_factory=set)  # acts that do nothing
     held: asyncio.Event = field(default_factory=asyncio.Event)  # acts wait for it, if `holds`
@@ -97,6 +101,7 @@ class Rover(Robot):
             "running(wheels_node)": True,
             "ok(scan)": scan,
             "ok(odom)": True,
+            **{f"on({device})": on for device, on in self.spares.items()},
         }
         said = [fact if value else f"not {fact}" for fact, value in facts.items()]
         if self.says_active:
@@ -124,10 +129,10 @@ class Rover(Robot):
                 await self.held.wait()
             code = 1 if text in self.deaf else 0
             if not code and text not in self.mute:
-                if action["name"] == "set_mode":
-                    self.active["altitude"] = action["parameters"][1]
-                elif action["name"] == "localise":
-                    self.active["localisation"] = action["parameters"][0]
+                if action["name"] in FUNCTION_OF:
+                    self.active[FUNCTION_OF[action["name"]]] = action["parameters"][-1]
+                elif action["name"] == "power_up":
+                    self.spares[action["parameters"][0]] = True
                 elif action["name"] == "start_node":
                     self.driver = True
                 elif action["name"] == "stop_node":
@@ -382,8 +387,84 @@ async def test_a_variant_whose_act_fails_gives_way_to_the_next_one_and_that_is_s
         changes = await ended(runtime, 3)
         assert texts(changes[2:]) == [("low", "high", "failed")]
         assert "active(altitude,high) was not seen" in changes[2]["reason"]
-        states = (await runtime.robots.memory.robot("r1")).function_states()
-        assert states["altitude"].standings["high"].why == changes[2]["reason"]
+        state = await runtime.robots.memory.robot("r1")
+
+        async def said() -> bool:
+            why = state.function_states()["altitude"].standings["high"].why
+            return why == str(changes[2]["reason"])
+
+        await until(said, "why high is not changed to")
+
+
+BESIDE = """\
+  mapping:
+    variants:
+      live: {needs: [lidar_node], do: [map(live)]}
+      stored: {do: [map(stored)]}
+    dwell_s: 0.2
+    adapt: auto
+"""
+"""A second function that needs the lidar."""
+
+BESIDE_ACTIONS = {**ACTIONS, "map": ACTIONS["localise"]}
+
+
+async def test_each_function_has_its_own_end_where_one_of_two_that_lose_the_same_cannot_be_changed(
+    tmp_path: Path,
+) -> None:
+    model = MODEL + BESIDE.replace("stored: {", "stored: {needs: [wheels_node], ")
+    for what in ("deaf", "mute"):
+        folder = tmp_path / what
+        folder.mkdir()
+        async with service(folder) as runtime, rover_on(runtime, model, actions=BESIDE_ACTIONS) as rover:
+            rover.active["mapping"] = "live"
+            await rover.settled()
+            getattr(rover, what).add("localise(odometry)")
+            rover.lidar = False
+            changes = [one["changes"][0] | {"state": one["state"]} for one in await ended(runtime, 2)]
+            found = {(one["function"], one["to"], one["state"], one["fault"]) for one in changes}
+            assert found == {
+                ("localisation", "odometry", "failed", True), ("mapping", "stored", "changed", True),
+            }  # fmt: skip
+            rover.lidar = True
+            change = (await ended(runtime, 3))[2]
+            assert texts([change]) == [("stored", "live", "changed")]
+            assert len(change["changes"]) == 1
+            states = (await runtime.robots.memory.robot("r1")).function_states()
+            assert states["mapping"].standings["stored"].why == ""
+
+
+async def test_a_change_that_costs_less_than_a_repair_comes_before_its_acts_however_many_functions_need_it(
+    tmp_path: Path,
+) -> None:
+    config: dict[str, Any] = {"policy": "auto", "actions": BESIDE_ACTIONS}
+    async with service(tmp_path) as runtime, rover_on(runtime, MODEL + BESIDE, **config) as rover:
+        rover.active["mapping"] = "live"
+        await rover.settled()
+        rover.lidar = False
+        await until(lambda: _done(rover, "stop_node(lidar_node)"), "the repair")
+        assert sorted(rover.done[:2]) == ["localise(odometry)", "map(stored)"]
+
+
+async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vain(tmp_path: Path) -> None:
+    model = MODEL.replace("hardware:", "hardware:\n  lidar_b: {channel: 4}\n  lidar_c: {channel: 5}")
+    model = model.replace(
+        "odometry: {needs: [wheels_node], do: [localise(odometry)]}",
+        "odometry: {needs: [wheels_node], do: [power_up(lidar_b), power_up(lidar_c), localise(odometry)]}",
+    )
+    actions = {**ACTIONS, **{name: {"executor": {"kind": "agent"}} for name in ("power_up", "shutdown")}}
+    config = {"policy": "auto", "actions": actions, "expected": {"stopped": ["lidar_b", "lidar_c"]}}
+    async with service(tmp_path) as runtime, rover_on(runtime, model, **config) as rover:
+        rover.spares = {"lidar_b": False, "lidar_c": False}
+        await rover.settled()
+        rover.lidar = False
+        await until(lambda: _done(rover, "localise(odometry)"), "the change")
+        first = ["stop_node(lidar_node)", "start_node(lidar_node)"]  # in vain; power is not cut before …
+        assert rover.done[:5] == [*first, "power_up(lidar_b)", "power_up(lidar_c)", "localise(odometry)"]
+
+
+async def _done(rover: Rover, act: str) -> bool:
+    return act in rover.done
 
 
 async def test_a_change_that_needs_a_yes_waits_for_it_and_lapses_when_it_is_not_due(tmp_path: Path) -> None:
