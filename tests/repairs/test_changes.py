@@ -446,6 +446,20 @@ async def test_a_change_that_costs_less_than_a_repair_comes_before_its_acts_howe
         assert sorted(rover.done[:2]) == ["localise(odometry)", "map(stored)"]
 
 
+async def test_a_repair_waits_until_the_next_variant_is_active_where_the_first_one_fails(
+    tmp_path: Path,
+) -> None:
+    model = MODEL.replace(
+        "do: [localise(odometry)]}", "do: [localise(odometry)]}\n      none: {do: [localise(none)]}"
+    )
+    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
+        await rover.settled()
+        rover.mute.add("localise(odometry)")
+        rover.lidar = False
+        await until(lambda: _done(rover, "stop_node(lidar_node)"), "the repair")
+        assert rover.active["localisation"] == "none"
+
+
 async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vain(tmp_path: Path) -> None:
     model = MODEL.replace("hardware:", "hardware:\n  lidar_b: {channel: 4}\n  lidar_c: {channel: 5}")
     model = model.replace(

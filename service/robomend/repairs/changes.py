@@ -69,6 +69,9 @@ MINUTE_S = 60.0
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
 
+AGAIN_S = 0.01
+"""Until the next variant is tried, or what else is due."""
+
 SOON_S = 0.1
 """How often it is looked whether a repair still acts."""
 
@@ -288,7 +291,7 @@ class Changes:
         due = decision.changes
         state.decided(decision)
         await self._note_held(decision.states)
-        wait_s = IDLE_S if decision.again_ns is None else max(0.01, (decision.again_ns - now_ns) / 1e9)
+        wait_s = IDLE_S if decision.again_ns is None else max(AGAIN_S, (decision.again_ns - now_ns) / 1e9)
         if not self.needs.chooser.policy(state).may_begin(now_ns):
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
         if self._waiting is not None:
@@ -297,8 +300,11 @@ class Changes:
             self._looked = seen
             return SOON_S
         if due:
+            if self._first:
+                self._looked = -1  # the repair goes on waiting while this is planned
             wait_s = min(wait_s, await self._do(state, decision, due))
-        self._looked = seen
+        if wait_s > AGAIN_S:
+            self._looked = seen
         return wait_s
 
     def _barred(self, state: Robot) -> Callable[[Function, str], str]:
@@ -406,12 +412,12 @@ class Changes:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, decision, due)
         if plan is None:
-            return 0.01 if due else IDLE_S
+            return AGAIN_S if due else IDLE_S
         policy = self.needs.chooser.policy(state)
         refusal = policy.plan_refusal(plan.steps, {}, ())
         if refusal is not None:
             await self._not_done(due, refusal)
-            return 0.01
+            return AGAIN_S
         wait_s = await self._repair_is_cheaper(state, due, plan)
         if wait_s > 0:
             return wait_s
@@ -432,7 +438,7 @@ class Changes:
             await self._act(state, record, due, plan, signals)
         finally:
             await _end(listener)
-        return 0.01
+        return AGAIN_S
 
     async def _listen(self, change: str, signals: Signals) -> None:
         """Hand a person's word to a change, and wake whoever looks at it."""
