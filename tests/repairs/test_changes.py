@@ -20,6 +20,7 @@ from tests.repairs.robot import Robot, running, service
 from tests.waiting import look_s
 
 from robomend.api.runtime import Runtime
+from robomend.api.views import obs_out
 from robomend.errors import StateConflict
 from robomend.planning.configurations import change_plan
 from robomend.planning.plan import in_prose
@@ -106,7 +107,7 @@ class Rover(Robot):
         said = [fact if value else f"not {fact}" for fact, value in facts.items()]
         if self.says_active:
             said += [f"active({function}, {variant})" for function, variant in self.active.items()]
-        return [*said, "ok(visibility)"]
+        return [*said, "not ok(visibility)" if self.visibility < 2 else "ok(visibility)"]
 
     async def report(self) -> None:
         sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
@@ -541,6 +542,21 @@ async def test_what_is_only_observed_is_said_and_not_done(tmp_path: Path) -> Non
 
         await until(said, "why nothing is done")
         assert await changes_of(runtime) == []
+
+
+async def test_what_a_condition_compares_is_of_use_and_follows_from_no_fault(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime, policy="observe") as rover:
+        rover.lidar, rover.visibility = False, 1.0
+        await rover.settled()
+        state = await runtime.robots.memory.robot("r1")
+
+        async def told() -> bool:
+            return "scan" in of_robot(state, None).text(CLOCK.now_ns())
+
+        await until(told, "the fault to be told")
+        assert "follow" not in of_robot(state, None).text(CLOCK.now_ns())
+        used = {one.literal for one in obs_out(state).observations if one.used}
+        assert {"not ok(visibility)", "not ok(scan)"} <= used
 
 
 async def test_what_is_active_and_cannot_work_or_may_not_is_not_called_working(tmp_path: Path) -> None:
