@@ -171,6 +171,32 @@ functions:
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("place(map)", "shutdown(lidar)", "place.map is never admissible: its own acts take away lidar"),
+        ("drive(fast)", "shutdown(lidar)", "drive.fast takes away lidar, which place.map needs"),
+        ("drive(slow)", "shutdown(lidar)", r"take away what the other needs \(lidar, pump\)"),
+    ],
+)
+def test_to_take_away_what_feeds_or_is_driven_by_what_is_needed_takes_that_away(
+    old: str, new: str, message: str
+) -> None:
+    text = TWO.replace("{lidar: {channel: 1}}", "{lidar: {channel: 1}, pump: {channel: 2}}")
+    text = text.replace("odom: {pub", "wash: {drives: [pump]}, odom: {pub")
+    text = text.replace("slow: {do", "slow: {needs: [wash], do")
+    if "slow" in old:
+        text = text.replace("place(map)", "shutdown(pump)")
+    assert load_text(text)
+    with pytest.raises(ModelError, match=message):
+        load_text(text.replace(old, new))
+
+
+def test_of_a_variant_without_acts_model_check_says_that_nothing_changes_to_it() -> None:
+    said = [warning for warning in check(load_text(ROBOT)) if "acts" in warning]
+    assert said == ["search.wide has no acts (`do:`), so that nothing changes to it"]
+
+
+@pytest.mark.parametrize(
     ("old", "new", "line", "message"),
     [
         ("[drive.slow]", "[drive.fast, place.wheels]", 16, "it needs both place.(map|wheels) and place"),

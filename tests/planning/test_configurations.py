@@ -14,7 +14,15 @@ from robomend.errors import ModelError
 from robomend.model.functions import needs_of
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.configurations import Decision, Keeper, KnownState, Made, VariantChange, change_plan
+from robomend.planning.configurations import (
+    Decision,
+    Keeper,
+    KnownState,
+    Made,
+    VariantChange,
+    change_plan,
+    does_without,
+)
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
 from robomend.planning.plan import Outcome, Plan
@@ -63,7 +71,8 @@ class Water:
         )
         found = self.keeper.decide(self.model, self.system.conditions, known, round(now_s * S))
         for change in found.changes if act else ():
-            self.keeper.changed(Made(round(now_s * S), change.function, change.source, change.target))
+            made = Made(round(now_s * S), change.function, change.source, change.target, change.fault)
+            self.keeper.changed(made)
             self.active = change.target
         return found
 
@@ -181,6 +190,80 @@ def test_a_fault_is_bridged_by_the_variant_that_does_without() -> None:
     water.left_off = {"camera"}
     (change,) = water.decide(20).changes
     assert (change.target, change.reason) == ("low", "camera is left off")
+
+
+def test_a_fault_soon_after_the_way_back_is_no_flapping_of_the_condition_and_makes_the_dwell_longer() -> None:
+    """Broken and mended again and again; the way back is always found, each time a bit later."""
+    water = Water(active="high")
+    water.visibility = 3.5
+    back_s: list[float] = []
+    now_s = 0.0
+    for _ in range(4):
+        water.diagnoses = [{"camera"}]
+        water.decide(now_s)
+        assert water.active == "low"
+        mended_s = now_s = now_s + 3
+        water.diagnoses = [set()]
+        while water.active != "high":
+            water.decide(now_s)
+            now_s += 0.1
+        back_s.append(round(now_s - mended_s, 1))
+        now_s += 4
+    assert back_s == [0.4, 5.1, 10.1, 20.1]
+
+
+def test_a_fault_that_comes_and_goes_ends_with_the_safer_variant_until_it_is_gone() -> None:
+    water = Water(active="high")
+    water.visibility = 3.5
+    changes: list[VariantChange] = []
+    for now_s in range(600):
+        water.diagnoses = [{"camera"}] if now_s // 3 % 2 else [set()]
+        changes += water.decide(now_s).changes
+    assert (water.active, len(changes)) == ("low", 3)
+    water.diagnoses = [set()]
+    water.decide(600)
+    held = water.decide(601).states["altitude"].held
+    assert held == "holds low for 4 s: what it needs was broken again soon, 1 time within the hour"
+    water.decide(606)
+    assert water.active == "high"
+
+
+def test_what_is_not_known_makes_no_degraded_robot_unhealthy() -> None:
+    """With `bad` in need of nothing that works, and a function of which something is not known."""
+    text = SUAVE.replace("sonar: {}", "sonar: {}, lamp: {criticality: optional}, mast: {}").replace(
+        "    dwell_s: 0.3", "    dwell_s: 0.3\n  talk:\n    variants: {radio: {needs: [mast]}, light: {}}"
+    )
+    system = load_text(text)
+    assert system.parts is not None
+
+    def degraded(
+        bad: str,
+        active: tuple[str, ...],
+        visibility: float | None,
+        talks: str = "light",
+        model: System = system,
+    ) -> bool:
+        assert model.parts is not None
+        seen = {Atom("active", ("altitude", one)): True for one in active}
+        seen[Atom("active", ("talk", talks))] = True
+        known = KnownState(seen.get, lambda atom: visibility, [{bad}])
+        states = Keeper().decide(model.parts, model.conditions, known, 0).states
+        return does_without(model.parts, states, [{bad}])
+
+    assert degraded("mast", ("high",), 4.0)
+    assert not degraded("mast", ("high",), 1.0)  # it is known not to work
+    for bad in ("mast", "lamp"):
+        assert degraded(bad, ("high",), None)
+        assert degraded(bad, (), None)
+        assert degraded(bad, ("high", "low"), None)
+    assert not degraded("camera", ("high",), None)
+    assert not degraded("camera", (), 4.0)  # it may work by what needs it
+    assert not degraded("camera", ("high", "low"), 4.0)
+    assert degraded("camera", ("low",), None)
+    assert not degraded("sonar", ("low",), 4.0)  # nothing is known to do without it
+    assert not degraded("mast", ("low",), 4.0, "radio")
+    left = load_text(text.replace("  talk:\n", "  talk:\n    criticality: optional\n"))
+    assert degraded("mast", ("low",), 4.0, "radio", left)
 
 
 def test_a_variant_that_failed_is_left_aside_and_the_next_one_taken() -> None:
@@ -319,9 +402,10 @@ functions:
 COLD = ("lidar_b", "lidar_b_node")
 
 
+@pytest.mark.parametrize("needs", ["lidar_b, lidar_b_node", "lidar_b_node"])
 @pytest.mark.parametrize("planner", ["pyperplan", "asp", "dijkstra"])
-def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str) -> None:
-    system = load_text(PLANT)
+def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str, needs: str) -> None:
+    system = load_text(PLANT.replace("lidar_b, lidar_b_node", needs))
     assert system.parts is not None
     obs = [fails("on", "lidar_b"), fails("running", "lidar_b_node")]
     obs += [holds("active", "view", "main"), holds("active", "drive", "fast")]
@@ -331,6 +415,7 @@ def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str)
     assert [(change.function, change.target) for change in found.changes] == [
         ("view", "spare"), ("drive", "slow"),
     ]  # fmt: skip
+    assert all(change.fault for change in found.changes)  # also of what follows the view
     options = PlanOptions(planner=planner, expected_stopped=COLD)
     plan = change_plan(system.parts, obs, ["lidar"], found.states, found.changes, options)
     assert plan.outcome is Outcome.SOLVED

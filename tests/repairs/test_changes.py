@@ -20,6 +20,7 @@ from tests.repairs.robot import Robot, running, service
 from tests.waiting import look_s
 
 from robomend.api.runtime import Runtime
+from robomend.api.views import obs_out
 from robomend.errors import StateConflict
 from robomend.planning.configurations import change_plan
 from robomend.planning.plan import in_prose
@@ -75,6 +76,9 @@ CONFIG: dict[str, Any] = {
 }
 
 
+FUNCTION_OF = {"set_mode": "altitude", "localise": "localisation", "map": "mapping"}
+
+
 @dataclass
 class Rover(Robot):
     """Works by one variant of each function, and says so."""
@@ -83,6 +87,7 @@ class Rover(Robot):
     visibility: float = 4.0
     lidar: bool = True  # whether it answers
     driver: bool = True
+    spares: dict[str, bool] = field(default_factory=dict)  # devices that are off until they are switched on
     deaf: set[str] = field(default_factory=set)  # acts that are answered with a failure
     mute: set[str] = field(default_factory=set)  # acts that do nothing
     held: asyncio.Event = field(default_factory=asyncio.Event)  # acts wait for it, if `holds`
@@ -97,11 +102,12 @@ class Rover(Robot):
             "running(wheels_node)": True,
             "ok(scan)": scan,
             "ok(odom)": True,
+            **{f"on({device})": on for device, on in self.spares.items()},
         }
         said = [fact if value else f"not {fact}" for fact, value in facts.items()]
         if self.says_active:
             said += [f"active({function}, {variant})" for function, variant in self.active.items()]
-        return [*said, "ok(visibility)"]
+        return [*said, "not ok(visibility)" if self.visibility < 2 else "ok(visibility)"]
 
     async def report(self) -> None:
         sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
@@ -124,10 +130,10 @@ class Rover(Robot):
                 await self.held.wait()
             code = 1 if text in self.deaf else 0
             if not code and text not in self.mute:
-                if action["name"] == "set_mode":
-                    self.active["altitude"] = action["parameters"][1]
-                elif action["name"] == "localise":
-                    self.active["localisation"] = action["parameters"][0]
+                if action["name"] in FUNCTION_OF:
+                    self.active[FUNCTION_OF[action["name"]]] = action["parameters"][-1]
+                elif action["name"] == "power_up":
+                    self.spares[action["parameters"][0]] = True
                 elif action["name"] == "start_node":
                     self.driver = True
                 elif action["name"] == "stop_node":
@@ -382,8 +388,98 @@ async def test_a_variant_whose_act_fails_gives_way_to_the_next_one_and_that_is_s
         changes = await ended(runtime, 3)
         assert texts(changes[2:]) == [("low", "high", "failed")]
         assert "active(altitude,high) was not seen" in changes[2]["reason"]
-        states = (await runtime.robots.memory.robot("r1")).function_states()
-        assert states["altitude"].standings["high"].why == changes[2]["reason"]
+        state = await runtime.robots.memory.robot("r1")
+
+        async def said() -> bool:
+            why = state.function_states()["altitude"].standings["high"].why
+            return why == str(changes[2]["reason"])
+
+        await until(said, "why high is not changed to")
+
+
+BESIDE = """\
+  mapping:
+    variants:
+      live: {needs: [lidar_node], do: [map(live)]}
+      stored: {do: [map(stored)]}
+    dwell_s: 0.2
+    adapt: auto
+"""
+"""A second function that needs the lidar."""
+
+BESIDE_ACTIONS = {**ACTIONS, "map": ACTIONS["localise"]}
+
+
+async def test_each_function_has_its_own_end_where_one_of_two_that_lose_the_same_cannot_be_changed(
+    tmp_path: Path,
+) -> None:
+    model = MODEL + BESIDE.replace("stored: {", "stored: {needs: [wheels_node], ")
+    for what in ("deaf", "mute"):
+        folder = tmp_path / what
+        folder.mkdir()
+        async with service(folder) as runtime, rover_on(runtime, model, actions=BESIDE_ACTIONS) as rover:
+            rover.active["mapping"] = "live"
+            await rover.settled()
+            getattr(rover, what).add("localise(odometry)")
+            rover.lidar = False
+            changes = [one["changes"][0] | {"state": one["state"]} for one in await ended(runtime, 2)]
+            found = {(one["function"], one["to"], one["state"], one["fault"]) for one in changes}
+            assert found == {
+                ("localisation", "odometry", "failed", True), ("mapping", "stored", "changed", True),
+            }  # fmt: skip
+            rover.lidar = True
+            change = (await ended(runtime, 3))[2]
+            assert texts([change]) == [("stored", "live", "changed")]
+            assert len(change["changes"]) == 1
+            states = (await runtime.robots.memory.robot("r1")).function_states()
+            assert states["mapping"].standings["stored"].why == ""
+
+
+async def test_a_change_that_costs_less_than_a_repair_comes_before_its_acts_however_many_functions_need_it(
+    tmp_path: Path,
+) -> None:
+    config: dict[str, Any] = {"policy": "auto", "actions": BESIDE_ACTIONS}
+    async with service(tmp_path) as runtime, rover_on(runtime, MODEL + BESIDE, **config) as rover:
+        rover.active["mapping"] = "live"
+        await rover.settled()
+        rover.lidar = False
+        await until(lambda: _done(rover, "stop_node(lidar_node)"), "the repair")
+        assert sorted(rover.done[:2]) == ["localise(odometry)", "map(stored)"]
+
+
+async def test_a_repair_waits_until_the_next_variant_is_active_where_the_first_one_fails(
+    tmp_path: Path,
+) -> None:
+    model = MODEL.replace(
+        "do: [localise(odometry)]}", "do: [localise(odometry)]}\n      none: {do: [localise(none)]}"
+    )
+    async with service(tmp_path) as runtime, rover_on(runtime, model, policy="auto") as rover:
+        await rover.settled()
+        rover.mute.add("localise(odometry)")
+        rover.lidar = False
+        await until(lambda: _done(rover, "stop_node(lidar_node)"), "the repair")
+        assert rover.active["localisation"] == "none"
+
+
+async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vain(tmp_path: Path) -> None:
+    model = MODEL.replace("hardware:", "hardware:\n  lidar_b: {channel: 4}\n  lidar_c: {channel: 5}")
+    model = model.replace(
+        "odometry: {needs: [wheels_node], do: [localise(odometry)]}",
+        "odometry: {needs: [wheels_node], do: [power_up(lidar_b), power_up(lidar_c), localise(odometry)]}",
+    )
+    actions = {**ACTIONS, **{name: {"executor": {"kind": "agent"}} for name in ("power_up", "shutdown")}}
+    config = {"policy": "auto", "actions": actions, "expected": {"stopped": ["lidar_b", "lidar_c"]}}
+    async with service(tmp_path) as runtime, rover_on(runtime, model, **config) as rover:
+        rover.spares = {"lidar_b": False, "lidar_c": False}
+        await rover.settled()
+        rover.lidar = False
+        await until(lambda: _done(rover, "localise(odometry)"), "the change")
+        first = ["stop_node(lidar_node)", "start_node(lidar_node)"]  # in vain; power is not cut before …
+        assert rover.done[:5] == [*first, "power_up(lidar_b)", "power_up(lidar_c)", "localise(odometry)"]
+
+
+async def _done(rover: Rover, act: str) -> bool:
+    return act in rover.done
 
 
 async def test_a_change_that_needs_a_yes_waits_for_it_and_lapses_when_it_is_not_due(tmp_path: Path) -> None:
@@ -446,6 +542,21 @@ async def test_what_is_only_observed_is_said_and_not_done(tmp_path: Path) -> Non
 
         await until(said, "why nothing is done")
         assert await changes_of(runtime) == []
+
+
+async def test_what_a_condition_compares_is_of_use_and_follows_from_no_fault(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime, policy="observe") as rover:
+        rover.lidar, rover.visibility = False, 1.0
+        await rover.settled()
+        state = await runtime.robots.memory.robot("r1")
+
+        async def told() -> bool:
+            return "scan" in of_robot(state, None).text(CLOCK.now_ns())
+
+        await until(told, "the fault to be told")
+        assert "follow" not in of_robot(state, None).text(CLOCK.now_ns())
+        used = {one.literal for one in obs_out(state).observations if one.used}
+        assert {"not ok(visibility)", "not ok(scan)"} <= used
 
 
 async def test_what_is_active_and_cannot_work_or_may_not_is_not_called_working(tmp_path: Path) -> None:

@@ -97,8 +97,9 @@ def test_a_robot_that_does_without_what_is_blamed_is_degraded(tmp_path: Path, wh
         "unsaid": ["not ok(scan)"],
         "both": [by["odometry"], "not ok(scan)", "not ok(odom)"],
         "unlit": [by["lidar"], "not on(lamp)"],
-        "lost": [by["markers"], "not ok(scan)"],  # whether its condition holds is not known
+        "lost": [by["markers"], "not ok(scan)"],  # that its condition does not hold is not known
         "found": [by["markers"], "ok(markers_seen)", "not ok(scan)"],
+        "gone": [by["markers"], "not ok(markers_seen)", "not ok(scan)"],
         "well": [by["odometry"], "ok(scan)"],
     }
     for name, said in drives.items():
@@ -108,7 +109,7 @@ def test_a_robot_that_does_without_what_is_blamed_is_degraded(tmp_path: Path, wh
     told = {Path(one["log"]).name: (one["state"], one["bad"]) for one in intervals(tmp_path / "out")}
     assert {name: told[f"{name}.ndjson"][0] for name in drives} == {
         "bridged": "degraded", "blind": "faulty", "unsaid": "faulty", "both": "faulty",
-        "unlit": "degraded", "lost": "faulty", "found": "degraded", "well": "healthy",
+        "unlit": "degraded", "lost": "degraded", "found": "degraded", "gone": "faulty", "well": "healthy",
     }  # fmt: skip
     assert told["bridged.ndjson"][1] == told["blind.ndjson"][1] == [["lidar_node"]]
     assert run(["report", str(tmp_path / "out")], batch) == 0
@@ -116,7 +117,7 @@ def test_a_robot_that_does_without_what_is_blamed_is_degraded(tmp_path: Path, wh
     assert "<h3>lidar_node</h3>" in report
     assert ">degraded</span>" in report
     assert "background:#e0a030'></i></div>" in report  # of a log that was degraded
-    assert re.search("<b>7</b>show a fault", report)
+    assert re.search("<b>8</b>show a fault", report)
 
 
 def formats(folder: Path) -> dict[str, Path]:

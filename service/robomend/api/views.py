@@ -25,7 +25,7 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
 from robomend.model.five_key import FiveKey
-from robomend.model.formulas import leaves
+from robomend.model.functions import spoken_of
 from robomend.model.system import System
 from robomend.model.vocabulary import ACTIVE
 from robomend.oneshots.result_json import quoted_names, result_text
@@ -203,9 +203,7 @@ def functions_out(state: Robot) -> FunctionsOut:
 def obs_out(state: Robot) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
     now = CLOCK.now_ns()
-    used = state.system.cnf.atom_variable.keys() | {
-        leaf.literal.atom for one in state.system.conditions.values() for leaf in leaves(one)
-    }
+    used = state.system.cnf.atom_variable.keys() | spoken_of(state.system.conditions)
     unconfirmed = frozenset(state.sight.not_confirmed())
     entries = sorted(state.obs.entries(), key=lambda entry: entry.literal.atom)
     return ObsOut(

@@ -249,6 +249,10 @@ def without_alternative(system: System) -> Iterator[str]:
             )
         if len(function.variants) > 1 and not any(variant.do for variant in function.variants.values()):
             yield f"function {function.name}: no variant has acts (`do:`), so that nothing can change it"
+        elif len(function.variants) > 1:
+            for variant in function.variants.values():
+                if not variant.do:
+                    yield f"{function.name}.{variant.name} has no acts (`do:`), so that nothing changes to it"
 
 
 def partial_priors(system: System) -> Iterator[str]:

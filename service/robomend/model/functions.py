@@ -258,6 +258,11 @@ def rests_on(names: Iterable[str], model: ComponentModel) -> frozenset[str]:
     return frozenset(found)
 
 
+def all_of(variant: Variant, model: ComponentModel) -> frozenset[str]:
+    """Return the components that a variant needs, with what those rest on."""
+    return rests_on((name for name in variant.needs if name in model.parts), model)
+
+
 def in_order(model: ComponentModel) -> tuple[Function, ...]:
     """Return the functions, each after those that it needs."""
     order, open_ = _ordered(model)
@@ -305,8 +310,7 @@ def left_without(names: Iterable[str], model: ComponentModel) -> dict[str, str |
         best[function.name] = None
         for variant in function.variants.values():
             needs = needs_of(variant, model)
-            named = [need.component for need in needs if need.component is not None]
-            if named and not gone.isdisjoint(rests_on(named, model)):
+            if not gone.isdisjoint(all_of(variant, model)):
                 continue
             if any(
                 best[need.function] is None or need.variant not in {None, best[need.function]}
@@ -365,7 +369,7 @@ def check_functions(
     ]
     for index, (function, variant) in enumerate(everything):
         for other, against in everything[index + 1 :]:
-            mine, theirs = frozenset(variant.needs), frozenset(against.needs)
+            mine, theirs = all_of(variant, model), all_of(against, model)
             if other is function or not (mine & taken_away(against) and theirs & taken_away(variant)):
                 continue
             names = ", ".join(sorted((mine & taken_away(against)) | (theirs & taken_away(variant))))
@@ -396,7 +400,7 @@ def _check_variant(
             fail(f"{name} needs {quote(needed)}, which there is not{hint}", variant.line)
         if need.function == function.name:
             fail(f"{name} cannot need its own function", variant.line)
-    lost = taken_away(variant) & frozenset(variant.needs)
+    lost = taken_away(variant) & all_of(variant, model)
     if lost:
         fail(f"{name} is never admissible: its own acts take away {', '.join(sorted(lost))}", variant.line)
     for act, args in variant.do:
@@ -434,7 +438,7 @@ def _check_together(
         return
     for of, one in chosen.items():
         for other, needed in chosen.items():
-            if lost := taken_away(one) & frozenset(needed.needs):
+            if lost := taken_away(one) & all_of(needed, model):
                 names = ", ".join(sorted(lost))
                 fail(
                     f"{name} is never admissible: {of}.{one.name} takes away {names}, which "

@@ -15,7 +15,8 @@ its most preferred variant in turn, and that choice is the only one there is.
 To what is worse is changed at once, as what was active does not do any more; to what is better once that was
 admissible for the function's `dwell_s`. What flaps ends with the safer variant: a change for the better is
 not made if, with the change back, it would be more than `changes_per_hour`, nor to a variant that had to be
-left soon after for MOST_UNDONE times within the hour.
+left soon after for MOST_UNDONE times within the hour. Where it was a fault for which it had to be left, its
+condition did not flap: each time the dwell before the next change to it is twice as long.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import NamedTuple
 
 from robomend.model.components import ComponentModel, Criticality, Function, Variant
 from robomend.model.formulas import Formula, leaves
-from robomend.model.functions import Measured, Threshold, holds, in_order, needs_of, rests_on
+from robomend.model.functions import Measured, Threshold, all_of, holds, in_order, needs_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -38,10 +39,11 @@ from robomend.planning.policy import HOUR_NS
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.planning.problem import repair_problem
 from robomend.planning.static_facts import Work
+from robomend_client.counts import counted
 from robomend_client.literals import Atom, Literal
 
-ACT_COST = 5.0
-"""Of an act that no domain gives a cost: about as long as its effect may take to show."""
+ACT_COST = 1.0
+"""Of an act that no domain gives a cost: most only ask for a mode."""
 
 SOON_NS = 10 * 10**9
 """A change for the better that is undone within so long, or four times the dwell, was one too many."""
@@ -129,8 +131,7 @@ def _standing(
 ) -> Standing:
     """Return how a variant stands, where the functions that it needs stand like `before`."""
     needs = needs_of(variant, model)
-    named = [need.component for need in needs if need.component is not None]
-    components = rests_on(named, model) if named else frozenset[str]()
+    components = all_of(variant, model)
     blamed = [components.intersection(bad) for bad in known.diagnoses]
     suspected = any(blamed)
     if blamed and all(blamed):
@@ -200,23 +201,31 @@ def does_without(
     model: ComponentModel, states: Mapping[str, FunctionState], diagnoses: Iterable[Collection[str]]
 ) -> bool:
     """Return whether a robot does without all that its diagnoses blame: each function works by a variant that
-    is admissible, and what is blamed is needed by others only, or is optional.
+    needs nothing of it, and what is blamed is needed by others only. What is optional may be lost, and what
+    is not known is no fault: a condition that nobody reports; a function of which nobody says by which
+    variant it works may work by any of them.
     """
     blamed = frozenset[str]().union(*diagnoses)
-    if not blamed or any(not state.works for state in states.values()):
+    if not blamed:
         return False
 
     def needed(variants: Iterable[Variant]) -> frozenset[str]:
-        names = {name for variant in variants for name in variant.needs if name in model.parts}
-        return rests_on(names, model) if names else frozenset()
+        return frozenset[str]().union(*(all_of(variant, model) for variant in variants))
 
     spared = needed(one for state in states.values() for one in state.function.variants.values())
     optional = {name for name, part in model.parts.items() if part.criticality is Criticality.OPTIONAL}
     if not blamed <= spared | optional:
         return False
-    return blamed.isdisjoint(
-        needed(state.function.variants[state.active] for state in states.values() if state.active)
-    )
+    for state in states.values():
+        function = state.function
+        if function.criticality is Criticality.OPTIONAL:
+            continue
+        by = state.reported or tuple(function.variants)
+        if all(state.standings[one].admissible is False for one in by):
+            return False
+        if blamed.intersection(needed(function.variants[one] for one in by)):
+            return False
+    return True
 
 
 # --- when to change
@@ -230,7 +239,7 @@ class VariantChange(NamedTuple):
     target: str
     reason: str
     better: bool  # the target is preferred to the source
-    fault: bool = False  # the source is left as something that it needs is blamed
+    fault: bool = False  # something is blamed that the source needs, or a function that it needs
 
 
 class Made(NamedTuple):
@@ -240,6 +249,7 @@ class Made(NamedTuple):
     function: str
     source: str
     target: str
+    fault: bool = False  # something that the source needs was blamed
 
 
 class Decision(NamedTuple):
@@ -331,7 +341,9 @@ class Keeper:
                 reason = standings[active].why
                 if better:
                     reason = met(conditions.get((name, target)), known) or f"{target} is admissible again"
-                changes.append(VariantChange(name, active, target, reason, better, standings[active].broken))
+                rests = {need.function for need in needs_of(function.variants[active], model)}
+                fault = standings[active].broken or any(c.fault and c.function in rests for c in changes)
+                changes.append(VariantChange(name, active, target, reason, better, fault))
             states[name] = state
         return Decision(states, tuple(changes), min(again, default=None))
 
@@ -358,10 +370,16 @@ class Keeper:
             if (function.name, better) not in self._since:
                 continue
             ready_ns = self._since[function.name, better] + dwell_ns
+            why, until_ns = standings[better].why, None
+            if again := sum(one.fault for one in self._undone(function, better, now_ns)):
+                ready_ns += _soon_ns(function) // 4 * 2**again - dwell_ns
+                why = f"what it needs was broken again soon, {counted(again, 'time')} within the hour"
             if now_ns < ready_ns:
                 wake_ns = ready_ns if wake_ns is None else min(wake_ns, ready_ns)
+                if again and not state.waits:
+                    held = f"holds {active} for {(ready_ns - now_ns) / 1e9:.0f} s: {why}"
+                    state = replace(state, held=held, waits=(better, why))
                 continue
-            why, until_ns = standings[better].why, None
             measured = met(conditions.get((function.name, better)), known)
             held = f"{better} is admissible again{measured and f', as {measured}'}; not changed to: {why}"
             if not standings[better].aside:
@@ -386,28 +404,39 @@ class Keeper:
         return replace(state, target=active, held=held), wake_ns
 
     def _bounded(self, function: Function, target: str, now_ns: int) -> tuple[str, int]:
-        """Return why no change for the better is made to a variant now, and until when; or nothing.
-
-        A change that was undone counts against its target and against what was passed over on the way back,
-        as that would not have lasted either.
-        """
-        made = [m for m in self.made if m.function == function.name and now_ns - m.time_ns < HOUR_NS]
+        """Return why no change for the better is made to a variant now, and until when; or nothing."""
+        made = self._lately(function, now_ns)
         if made and len(made) + 2 > function.changes_per_hour:
             why = f"{len(made)} changes within the hour, and at most {function.changes_per_hour} are made"
             return why, made[0].time_ns + HOUR_NS
-        order = list(function.variants)
-        soon_ns = max(SOON_NS, round(4e9 * function.dwell_s))
-        undone = [
-            after
-            for before, after in pairwise(made)
-            if order.index(before.target) < order.index(before.source)
-            and order.index(before.target) <= order.index(target) < order.index(after.target)
-            and after.time_ns - before.time_ns < soon_ns
-        ]
+        undone = [one for one in self._undone(function, target, now_ns) if not one.fault]
         if len(undone) >= MOST_UNDONE:
             why = f"a change for the better had to be undone soon, {len(undone)} times within the hour"
             return why, undone[0].time_ns + HOUR_NS
         return "", 0
+
+    def _lately(self, function: Function, now_ns: int) -> list[Made]:
+        """Return the changes of a function within the hour."""
+        return [one for one in self.made if one.function == function.name and now_ns - one.time_ns < HOUR_NS]
+
+    def _undone(self, function: Function, target: str, now_ns: int) -> list[Made]:
+        """Return the changes within the hour by which a change for the better was undone soon.
+
+        One that was undone counts against its target and against what was passed over on the way back, as
+        that would not have lasted either.
+        """
+        order = list(function.variants)
+        return [
+            after
+            for before, after in pairwise(self._lately(function, now_ns))
+            if order.index(before.target) < order.index(before.source)
+            and order.index(before.target) <= order.index(target) < order.index(after.target)
+            and after.time_ns - before.time_ns < _soon_ns(function)
+        ]
+
+
+def _soon_ns(function: Function) -> int:
+    return max(SOON_NS, round(4e9 * function.dwell_s))
 
 
 def _goal(standings: Mapping[str, Standing], active: str | None) -> str | None:
@@ -495,11 +524,9 @@ def change_plan(
     domain = load_domain(
         options.domain, options.domain_file, variants_pddl(model, states, changes, base.name, cost)
     )
-    wanted = {
-        need.component
-        for change in changes
-        for need in needs_of(model.functions[change.function].variants[change.target], model)
-    }
+    wanted = frozenset[str]().union(
+        *(all_of(model.functions[change.function].variants[change.target], model) for change in changes)
+    )
     problem = repair_problem(
         model,
         domain,

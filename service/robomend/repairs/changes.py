@@ -26,6 +26,7 @@ import structlog
 
 from robomend.errors import NotFound, RobomendError, StoreError
 from robomend.model.components import Function
+from robomend.model.vocabulary import ACTIVE
 from robomend.planning.configurations import (
     Decision,
     FunctionState,
@@ -48,7 +49,7 @@ from robomend.repairs.execution_values import Ending, Execution, Setting, StepRe
 from robomend.repairs.record import LOOP, ActionRecord
 from robomend.repairs.repair_json import change_json, plan_json
 from robomend.repairs.signals import Requests, Signals
-from robomend.repairs.states import CHANGE, ChangeState, ChangeTrigger
+from robomend.repairs.states import CHANGE, ChangeState, ChangeTrigger, StepState
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import protected_of
 from robomend.robots.robot import Robot
@@ -67,6 +68,9 @@ MINUTE_S = 60.0
 
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
+
+AGAIN_S = 0.01
+"""Until the next variant is tried, or what else is due."""
 
 SOON_S = 0.1
 """How often it is looked whether a repair still acts."""
@@ -159,6 +163,7 @@ class Deferred:
     """A fault of which a repair is cheaper than the change that it makes due."""
 
     until_s: float = 0.0  # monotonic; 0: none is deferred
+    round: int = 0  # of repairs, the one that is waited for
     tried: bool = False  # a repair has ended since
 
 
@@ -177,6 +182,8 @@ class Changes:
     _keeper: Keeper = field(default_factory=Keeper)
     _recalled: bool = False
     _looked: int = -1  # the count of diagnoses up to which it has decided
+    _rounds: int = 0  # of repairs that have come to their acts
+    _first: bool = False  # a repair waits with its acts until what is due is changed
     _waiting: WaitingChange | None = None
     _signals: Signals | None = None  # of the change under way
     _deferred: Deferred = field(default_factory=Deferred)
@@ -219,14 +226,22 @@ class Changes:
         self._news.set()
 
     async def finished(self) -> None:
-        """Return when the present diagnosis was looked at here, and no change is under way."""
+        """Return when the present diagnosis was looked at here, and no change is under way: a repair is about
+        to act.
+        """
         state = self.needs.robots.memory.states.get(self.robot)
         if state is None or not state.functions:
             return
         wanted, deadline = state.diagnosed.value, time.monotonic() + FINISHED_S
-        while (self.acting or self._looked < wanted) and time.monotonic() < deadline:
-            self._idle.clear()
-            await wait_for(self._idle, SOON_S)
+        self._rounds += 1
+        self._looked, self._first = -1, True  # what was put off for a round before is decided anew
+        self._news.set()
+        try:
+            while (self.acting or self._looked < wanted) and time.monotonic() < deadline:
+                self._idle.clear()
+                await wait_for(self._idle, SOON_S)
+        finally:
+            self._first = False
 
     async def run(self) -> None:
         """Keep the robot's configuration until it is lost, deleted, or the service ends."""
@@ -276,17 +291,20 @@ class Changes:
         due = decision.changes
         state.decided(decision)
         await self._note_held(decision.states)
-        wait_s = IDLE_S if decision.again_ns is None else max(0.01, (decision.again_ns - now_ns) / 1e9)
+        wait_s = IDLE_S if decision.again_ns is None else max(AGAIN_S, (decision.again_ns - now_ns) / 1e9)
         if not self.needs.chooser.policy(state).may_begin(now_ns):
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
         if self._waiting is not None:
             due = await self._answered(state, due)
-        if due and self.repair_acts():
+        if due and self.repair_acts() and not self._first:
             self._looked = seen
             return SOON_S
         if due:
+            if self._first:
+                self._looked = -1  # the repair goes on waiting while this is planned
             wait_s = min(wait_s, await self._do(state, decision, due))
-        self._looked = seen
+        if wait_s > AGAIN_S:
+            self._looked = seen
         return wait_s
 
     def _barred(self, state: Robot) -> Callable[[Function, str], str]:
@@ -344,7 +362,7 @@ class Changes:
         if not waiting.asks_for(due):
             await self._withdraw("it is not due any more")
             return rest
-        if await waiting.signals.decided(0.0) and not self.repair_acts():
+        if await waiting.signals.decided(0.0) and (self._first or not self.repair_acts()):
             self._waiting = None
             by = waiting.signals.by
             answers = waiting.signals.answers()
@@ -394,12 +412,12 @@ class Changes:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, decision, due)
         if plan is None:
-            return 0.01 if due else IDLE_S
+            return AGAIN_S if due else IDLE_S
         policy = self.needs.chooser.policy(state)
         refusal = policy.plan_refusal(plan.steps, {}, ())
         if refusal is not None:
             await self._not_done(due, refusal)
-            return 0.01
+            return AGAIN_S
         wait_s = await self._repair_is_cheaper(state, due, plan)
         if wait_s > 0:
             return wait_s
@@ -420,7 +438,7 @@ class Changes:
             await self._act(state, record, due, plan, signals)
         finally:
             await _end(listener)
-        return 0.01
+        return AGAIN_S
 
     async def _listen(self, change: str, signals: Signals) -> None:
         """Hand a person's word to a change, and wake whoever looks at it."""
@@ -489,7 +507,8 @@ class Changes:
         if policy.mode is not Mode.AUTO or not policy.may_begin(time.time_ns()):
             return 0.0
         if self._deferred.until_s:
-            return max(0.0, min(SOON_S, self._deferred.until_s - time.monotonic()))
+            in_vain = self._rounds > self._deferred.round
+            return 0.0 if in_vain else max(0.0, min(SOON_S, self._deferred.until_s - time.monotonic()))
         result = await self.needs.robots.diagnosing.of(state, state.sight.vouched())
         choice = await self.needs.chooser.choose_in_turn(state, result, looks=False)
         if choice.plan is None or choice.yes or policy.mode_for(choice.plan.steps) is not Mode.AUTO:
@@ -498,6 +517,7 @@ class Changes:
         if helps <= 0 or choice.plan.cost / helps > plan.cost:
             return 0.0
         self._deferred.until_s = time.monotonic() + 2 * choice.plan.cost + DEFER_S
+        self._deferred.round = self._rounds + (0 if self._first else 1)
         return SOON_S
 
     async def _create(
@@ -514,6 +534,7 @@ class Changes:
                     "to": one.target,
                     "reason": one.reason,
                     "better": one.better,
+                    "fault": one.fault,
                     "back_ns": None,
                     "held": None,
                 }
@@ -555,7 +576,7 @@ class Changes:
         except StoreError:
             raise  # it stays open, and is closed when the robot is looked at again
         except RobomendError as error:
-            await self._went_wrong(record, changes, str(error))
+            await self._went_wrong(record, changes, str(error), changes)
         finally:
             self.acting, self._signals = False, None
             state.is_changed(())
@@ -610,21 +631,23 @@ class Changes:
                     self._keeper.failed(change.function, change.target, told, now_ns, HOUR_NS)
             await record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=signals.answers())
             return
-        missing = [
-            str(atom)
-            for change in changes
-            if not state.obs.known(atom := Atom("active", (change.function, change.target)), CLOCK.now_ns())
-        ]
-        if missing and execution.ending is Ending.DONE:
-            await self._went_wrong(record, changes, f"{', '.join(missing)} was not seen")
-            return
+        now_ns = CLOCK.now_ns()
+        shown = {one: Atom(ACTIVE, (one.function, one.target)) for one in changes}
+        missing = tuple(one for one, atom in shown.items() if not state.obs.known(atom, now_ns))
         if missing:
-            await self._went_wrong(record, changes, execution.reason)
-            return
+            reason = execution.reason
+            if execution.ending is Ending.DONE:
+                reason = f"{', '.join(str(shown[one]) for one in missing)} was not seen"
+            await self._went_wrong(record, missing, reason, _to_blame(missing, execution, state.functions))
+            changes = tuple(one for one in changes if one not in missing)
+            done = await self._create(changes, None, asks=False) if changes else None
+            if done is None:
+                return
+            record = done
         now_ns, known = CLOCK.now_ns(), time.time_ns()
         back = [id_ for change in changes for id_ in self._undone(state, change, record.id)]
         for change in changes:
-            self._keeper.changed(Made(now_ns, change.function, change.source, change.target))
+            self._keeper.changed(Made(now_ns, change.function, change.source, change.target, change.fault))
 
         def came_back(tx: Transaction) -> None:
             for id_ in dict.fromkeys(back):
@@ -656,10 +679,19 @@ class Changes:
             undone.append(before.pop()[0])
         return undone
 
-    async def _went_wrong(self, record: ChangeRecord, changes: Sequence[VariantChange], reason: str) -> None:
-        for change in changes:
+    async def _went_wrong(
+        self,
+        record: ChangeRecord,
+        changes: Sequence[VariantChange],
+        reason: str,
+        to_blame: Sequence[VariantChange],
+    ) -> None:
+        """Note that some changes of a record were not made; those to blame are not tried again soon."""
+        for change in to_blame:
             self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
-        await record.note(ChangeTrigger.WENT_WRONG, reason)
+        names = {change.function for change in changes}
+        told = [one for one in record.data["changes"] if one["function"] in names]
+        await record.note(ChangeTrigger.WENT_WRONG, reason, changes=told)
 
     # --- after a restart
 
@@ -677,7 +709,8 @@ class Changes:
         for stored in reversed(found):
             at_ns = stored.data.get("changed_ns") or 0
             for one in stored.data["changes"] if at_ns >= since_ns else ():
-                self._keeper.made.append(Made(at_ns, one["function"], one["from"], one["to"]))
+                made = Made(at_ns, one["function"], one["from"], one["to"], one.get("fault", False))
+                self._keeper.made.append(made)
             for one in stored.data["changes"] if at_ns else ():
                 if not one["better"] and one["back_ns"] is None:
                     self._worse.setdefault(one["function"], []).append((stored.id, one["from"]))
@@ -693,6 +726,15 @@ class Changes:
         waited = record.state is ChangeState.AWAITING_APPROVAL
         what = ChangeTrigger.OVERTAKEN if waited else ChangeTrigger.WENT_WRONG
         await record.note(what, "the service ended in the middle of it; decided anew", also=settle)
+
+
+def _to_blame(
+    changes: Sequence[VariantChange], execution: Execution, functions: Mapping[str, Function]
+) -> Sequence[VariantChange]:
+    """Return the changes of which an act went wrong; all of them, if none of their own did."""
+    wrong = {(one.step.name, one.step.parameters) for one in execution.steps if one.state is StepState.FAILED}
+    own = [one for one in changes if not wrong.isdisjoint(functions[one.function].variants[one.target].do)]
+    return own or changes
 
 
 def _nobody(plan: Plan, why_nobody: Callable[[str, Sequence[str]], str | None]) -> str | None:

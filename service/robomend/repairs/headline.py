@@ -22,7 +22,7 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from robomend.entry import Entry
-from robomend.model.formulas import leaves
+from robomend.model.functions import spoken_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.plan import action_titles, in_prose
 from robomend.repairs.states import RepairState, StepState
@@ -155,7 +155,7 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
     conflicts = [(one["components"], one["observations"]) for one in result.get("conflicts", ())]
     fallen = robot.sight.symptoms()
     # That the water is too murky for a variant is nobody's fault, and follows from none.
-    only_conditions = {leaf.literal.atom for one in robot.system.conditions.values() for leaf in leaves(one)}
+    only_conditions = spoken_of(robot.system.conditions)
     symptoms = sorted((entry for entry in robot.sight.entries() if entry.atom in fallen), key=began)
     return headline(
         Facts(

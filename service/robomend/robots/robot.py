@@ -23,7 +23,7 @@ from typing import NamedTuple
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.components import Function
-from robomend.model.functions import taken_away
+from robomend.model.functions import all_of, taken_away
 from robomend.model.system import System, variant
 from robomend.model.vocabulary import ACTIVE, TRENDS
 from robomend.observations.obs import Belief, Obs, Retracted, consequences
@@ -446,14 +446,14 @@ class Robot:
         """The components that are meant to be stopped or off: as configured, less what the active variants
         need, and what their acts take away.
         """
-        listed = self.config.expected_stopped
-        if not self.functions:
+        listed, parts = self.config.expected_stopped, self.system.parts
+        if parts is None or not parts.functions:
             return listed
         now_ns, needed, away = CLOCK.now_ns(), set[str](), set(self.changing)
-        for function in self.functions.values():
+        for function in parts.functions.values():
             for name, one in function.variants.items():
                 if self.obs.known(Atom(ACTIVE, (function.name, name)), now_ns):
-                    needed.update(one.needs)
+                    needed |= all_of(one, parts)
                     away |= taken_away(one)
         kept = [name for name in listed if name not in needed]
         return (*kept, *sorted(away.difference(kept)))

@@ -234,6 +234,7 @@ class FunctionChange(Out):
     to: str = Field(examples=["medium"])
     reason: str = Field(examples=["visibility fell to 2.9, at least 3.25"])
     better: bool = Field(description="whether the new variant is preferred to the old one")
+    fault: bool = Field(False, description="whether something that the old variant needs was blamed")
     back_ns: Nanoseconds | None = Field(description="when a change back was made")
     back: Moment | None
     held: str | None = Field(
