@@ -298,6 +298,23 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     files_of(Described("rover", heard=found, origin=found.origin))
 
 
+def test_who_only_has_a_nodelet_loaded_is_no_node_of_the_model() -> None:
+    """It ends when its manager does, which is the one that failed."""
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/camera_manager": (["/image_raw", "/camera_manager/bond"], ["/camera_manager/bond"]),
+        "/camera": (["/camera_manager/bond"], ["/camera_manager/bond"]),
+        "/bonded": (["/docking/bond"], []),
+    }
+    found = heard({"/image_raw": came(15)}, nodes, origin={"ros1": {}})
+    services = {"/camera_manager/load_nodelet": frozenset({"/camera_manager"})}
+    made = first_model(replace(found, graph=replace(found.graph, services=services)), "rover")
+    assert made.nodes == ("bonded", "camera_manager")
+    assert (
+        "# Nodes that only keep nodelets loaded: their manager does the work, and ends them:\n#   camera\n"
+        in made.text
+    )
+
+
 def test_where_no_log_was_heard_nobody_is_said_to_log_no_errors() -> None:
     nodes: dict[str, tuple[list[str], list[str]]] = {"/imu": (["/imu/data"], [])}
     found = heard({"/imu/data": came(50)}, nodes, errors=None, origin={"ros1": {}})

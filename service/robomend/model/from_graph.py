@@ -66,6 +66,9 @@ STATE = re.compile(
 )
 """Types of what a robot is told to do, and of what its devices say: the one does not rest on the other."""
 
+LOAD_NODELET = "/load_nodelet"
+"""Ends the service of ROS 1 by which a node takes nodelets in."""
+
 YAML_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*\Z")
 RESERVED = frozenset(("true", "false", "yes", "no", "on", "off", "null", "y", "n"))
 
@@ -358,11 +361,12 @@ class _Draft:
         self.learned = heard.learned or Learned()
         self.graph = _legal(heard.graph)
         gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
+        self.loaders = _loaders(self.graph) - gone
         launched = {name for name in heard.launched if _is_name(name)}
         # What was looked for and is not there is no component: it would be missed from the first moment on.
         here = self.graph.nodes or launched
         self.missing = sorted(launched - here)
-        self.nodes = sorted(node for node in here - gone if not _is_any_of(node, TOOLS))
+        self.nodes = sorted(node for node in here - gone - self.loaders if not _is_any_of(node, TOOLS))
         if not self.nodes:
             tools = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
             beside = f", only tools or what had ended: {tools}" if tools else ""
@@ -705,12 +709,14 @@ class _Draft:
             elif not ours:
                 silent.append(comment(topic))
         ended = [comment(node) for node in sorted(self.gone)]
+        loaders = [comment(node) for node in sorted(self.loaders)]
         lines = []
         for what, found in (
             ("Topics of several publishers: the silence of one does not show", shared),
             ("Topics of actions: there are messages when somebody acts", asked),
             ("Topics that no node of the robot publishes: tools do, or nobody", silent),
             ("Nodes that ended, or did not run although they are listed", ended),
+            ("Nodes that only keep nodelets loaded: their manager does the work, and ends them", loaders),
         ):
             if found:
                 lines += ["", f"# {what}:", *(f"#   {line}" for line in found)]
@@ -779,6 +785,16 @@ def observers_lines(entries: Entries) -> Iterator[str]:
 def entry_line(name: str, entry: Entry) -> str:
     """Return an observer as a line of YAML."""
     return f"{word(name)}: {{{', '.join(f'{key}: {value}' for key, value in entry.items())}}}"
+
+
+def _loaders(graph: RosGraph) -> set[str]:
+    """Return the nodes of ROS 1 that have another one load a nodelet, and end when that one does."""
+    found: set[str] = set()
+    for service, managers in graph.services.items():
+        if service.endswith(LOAD_NODELET):
+            bond = f"{service.removesuffix(LOAD_NODELET)}/bond"
+            found |= graph.publishers.get(bond, frozenset()) - managers
+    return found
 
 
 def _rules(blamed: Mapping[str, str], managed: Mapping[str, tuple[str, str]]) -> Iterator[str]:
