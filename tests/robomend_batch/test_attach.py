@@ -29,6 +29,7 @@ from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
 from tests.node_process import NodeProcess
+from tests.other_root import user_systemd
 from tests.robomend_batch.recordings import steady, write
 from tests.robomend_batch.running import batch_run, logs
 from tests.robomend_demo.playing import children
@@ -432,6 +433,40 @@ def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
                 with suppress(ProcessLookupError):
                     os.kill(int(pid), signal.SIGTERM)
             until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
+
+
+def test_detached_a_real_systemd_starts_it_again_and_ends_it(tmp_path: Path) -> None:
+    home, units = tmp_path / "config", ("robomend-rover-agent.service", "robomend-rover.service")
+    with ros2_robot(tmp_path) as ros, user_systemd(tmp_path, home) as systemctl:
+
+        def asked(*words: str) -> str:
+            return subprocess.check_output([systemctl, "--user", *words], text=True)
+
+        rover2(ros)
+        path = f"{systemctl.parent}:{ros.environment['PATH']}"
+        around = {**ros.environment, "PATH": path, "XDG_CONFIG_HOME": str(home)}
+        with attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach:
+            page = attach.until_said("^the page: ").removeprefix("the page: ")
+            attach.until_said("It ends with: systemctl --user disable --now robomend-rover")
+            assert attach.process.wait(MOST_S) == 0
+        robot = page.replace("/ui/", "/api/v1/")
+
+        def state() -> str:
+            with suppress(httpx.TransportError):
+                return str(httpx.get(robot).json()["state"])
+            return "no answer"
+
+        until(lambda: state() == "healthy", "it is healthy", MOST_S)
+        process = ("show", "--property=MainPID", "--value")
+        for unit in units:
+            killed = asked(*process, unit)
+            asked("kill", "--signal=KILL", unit)
+            until(lambda: asked(*process, unit) not in (killed, "0\n"), f"{unit} runs again", MOST_S)  # noqa: B023  # it ends here
+        ros.nodes["lidar_driver"].kill()
+        until(lambda: state() == "unhealthy", "they look after it again", MOST_S)
+        asked("disable", "--now", *units)
+        assert [asked(*process, unit) for unit in units] == ["0\n", "0\n"]
+        assert asked("show", "--property=UnitFileState", "--value", *units).split() == ["disabled"] * 2
 
 
 def test_a_robot_with_ros_2_over_zenoh_is_watched(tmp_path: Path) -> None:
