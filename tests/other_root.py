@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -63,6 +64,20 @@ exec unshare --mount --pid --fork --kill-child --net --uts --ipc --cgroup --prop
     ' - "$root" "$upper" "$work" "$5" "$6" "$base"
 """
 
+USER = """
+echo $$ > "$1/cgroup.procs"
+shift
+exec unshare --mount --pid --fork --kill-child --ipc --cgroup --propagation private bash -euc '
+    mount -t proc proc /proc
+    umount --recursive /sys/fs/cgroup
+    mount -t cgroup2 cgroup /sys/fs/cgroup
+    mount -t tmpfs run /run
+    mkdir -p /run/systemd/system /run/user  # by the first it sees that a systemd has booted
+    "$@" &
+    wait
+' - "$@"
+"""
+
 
 @dataclass(frozen=True)
 class OtherRoot:
@@ -107,38 +122,80 @@ def _groups() -> Path | None:
 @contextmanager
 def other_root(folder: Path, base: Path = Path("/"), source: Path = ROOT) -> Iterator[OtherRoot]:
     """Make one over `base`, with what is in `source`; skip the test where that is impossible."""
+    places = [folder / name for name in ("root", "upper", "work")]
+    with _group(base) as group:
+        for place in places:
+            place.mkdir()
+        shutil.copytree(source, places[1] / SOURCE.relative_to("/"), ignore=LEFT)
+        words = [BOOT, "-", *map(str, places), str(group), PATH, str(SYSTEMD), str(base)]
+        with _begun(folder, words, group) as outer:
+            yield _booted(outer, folder / "boot.log")
+
+
+@contextmanager
+def user_systemd(folder: Path, config: Path) -> Iterator[Path]:
+    """Have a systemd of this user, which finds its units in `config`; yield the systemctl that asks it. Skip
+    the test where that is impossible.
+    """
+    program = folder / "programs" / "systemctl"
+    program.parent.mkdir()
+    with _group(Path("/")) as group:
+        around = ["HOME=/root", f"XDG_CONFIG_HOME={config}", "XDG_RUNTIME_DIR=/run/user", f"PATH={PATH}"]
+        manager = ["env", "-i", *around, str(SYSTEMD), "--user"]
+        with _begun(folder, [USER, "-", str(group), *manager], group) as outer:
+            children = Path(f"/proc/{outer.pid}/task/{outer.pid}/children")
+
+            def up() -> bool:
+                if outer.poll() is not None:
+                    pytest.skip(f"no systemd runs here: {(folder / 'boot.log').read_text()[-300:]}")
+                for child in children.read_text().split():
+                    enter = f"exec nsenter --target={child} --mount --pid --cgroup env -i"
+                    words = shlex.join([*around, "/usr/bin/systemctl"])
+                    program.write_text(f'#!/bin/sh\n{enter} {words} "$@"\n')
+                    program.chmod(0o755)
+                    asked = [str(program), "--user", "is-system-running"]
+                    told = subprocess.run(asked, capture_output=True, text=True, timeout=60).stdout.strip()
+                    return told in ("running", "degraded")
+                return False
+
+            until(up, "systemd is up", 120)
+            yield program
+
+
+@contextmanager
+def _group(base: Path) -> Iterator[Path]:
+    """Have a control group of our own; skip the test where no systemd could run in it."""
     groups = _groups()
     for there, why in (
-        (os.geteuid() == 0, "a copy of the root needs root"),
+        (os.geteuid() == 0, "a systemd of its own needs root"),
         ((base / SYSTEMD.relative_to("/")).exists(), f"there is no systemd in {base}"),
         (groups, "the kernel has no control groups of the second version"),
     ):
         if not there:
             pytest.skip(why)
     assert groups is not None
-    places = [folder / name for name in ("root", "upper", "work")]
-    for place in places:
-        place.mkdir()
-    shutil.copytree(source, places[1] / SOURCE.relative_to("/"), ignore=LEFT)
     group = groups / f"robomend-test-{os.getpid()}"
     group.mkdir()
     try:
-        with (folder / "boot.log").open("wb") as log:
-            outer = subprocess.Popen(
-                ["bash", "-euc", BOOT, "-", *map(str, places), str(group), PATH, str(SYSTEMD), str(base)],
-                stdout=log,
-                stderr=log,
-                preexec_fn=_end_with_parent,
-            )
+        yield group
+    finally:
+        for below, _, _ in os.walk(group, topdown=False):
+            os.rmdir(below)  # the files in it are the kernel's
+
+
+@contextmanager
+def _begun(folder: Path, words: list[str], group: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a script of bash, and end all that it started."""
+    with (folder / "boot.log").open("wb") as log:
+        outer = subprocess.Popen(
+            ["bash", "-euc", *words], stdout=log, stderr=log, preexec_fn=_end_with_parent
+        )
         try:
-            yield _booted(outer, folder / "boot.log")
+            yield outer
         finally:
             outer.kill()  # and with it, by --kill-child, process 1 of the namespace, and so all of them
             outer.wait(60)
             until(lambda: "populated 0" in (group / "cgroup.events").read_text(), "all has ended", 60)
-    finally:
-        for below, _, _ in os.walk(group, topdown=False):
-            os.rmdir(below)  # the files in it are the kernel's
 
 
 def _booted(outer: subprocess.Popen[bytes], log: Path) -> OtherRoot:

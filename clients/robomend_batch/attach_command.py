@@ -16,7 +16,7 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -33,6 +33,8 @@ from robomend_batch import detached
 if TYPE_CHECKING:
     from robomend.cli.interrupts import Interrupts
     from robomend.cli.stage import Stage
+    from robomend.model.from_graph import Entries
+    from robomend_batch.learn.gathering import Gathered
     from robomend_client.bridges.hearing import Hearing
     from robomend_client.ros_graph import Heard, HeardDevice, Table, UsualRate
 
@@ -192,11 +194,11 @@ def command(
     if detach:
         detached.check()
     if bags:
-        heard = heard_of_bags(bags)
+        found, heard = heard_of_bags(bags)
         if heard.seconds < SHORT_S:
             short = f"{heard.seconds:.2g} s are recorded, too little for most rates"
             click.echo(f"note: {short}: give logs of a minute or more", err=True)
-        _write(wanted, heard.within(namespace), _url(wanted))
+        _write(wanted, heard.within(namespace), _url(wanted), logs=found)
         files = f"-m {quote(str(folder / model_file(robot)))} --observers {quote(str(folder / 'agent.yaml'))}"
         if not re.search("^(topics|observers):", (folder / "agent.yaml").read_text("utf-8"), re.MULTILINE):
             click.echo("note: nothing in the recordings can be watched: give longer ones", err=True)
@@ -277,13 +279,15 @@ class _Attached:
         """
         wanted, folder = self.wanted, self.wanted.folder.resolve()
         service, agent = detached.names(wanted.name)
-        port = 0
+
+        def port() -> int:
+            return (_known_port(folder) if detached.runs(service) else _free_port(folder)) or _any_port()
+
         if wanted.url is None:
-            port = _known_port(folder) if detached.runs(service) else _free_port(folder)
-            port = port or _any_port()
+            port()  # who has it is said before a minute is spent
         _, heard = asyncio.run(self._listen(None))
         heard = replace(heard, usual=usual_of(folder))
-        url = wanted.url or f"http://127.0.0.1:{port}"
+        url = wanted.url or f"http://127.0.0.1:{port()}"  # somebody else may have taken it meanwhile
         self._written = _write(wanted, heard, url)
         said = {name: os.environ[name] for name in VARIABLES if os.environ.get(name)}
         if wanted.key:
@@ -291,7 +295,7 @@ class _Attached:
             secret.touch(mode=0o600)
             secret.write_text(f"ROBOMEND_KEY={wanted.key}\n", "utf-8")
         if wanted.url is None:
-            serve = ["robomend", "serve", "--port", str(port), "--data", str(folder / "data")]
+            serve = ["robomend", "serve", "--port", url.rpartition(":")[2], "--data", str(folder / "data")]
             detached.start(service, detached.unit_text(wanted.name, folder, serve, {}))
         self._put(url)
         watch = ["robomend_client.agent.main", str(folder / "agent.yaml")]
@@ -674,8 +678,8 @@ def alike_namespaces(nodes: list[str]) -> list[str]:
     )
 
 
-def heard_of_bags(bags: tuple[Path, ...]) -> Heard:
-    """Return what recordings hold: their topics, one after the other.
+def heard_of_bags(bags: tuple[Path, ...]) -> tuple[Gathered, Heard]:
+    """Return what recordings hold: one by one, and as if somebody had listened to one after the other.
 
     Raises:
         InputError: none of them can be read.
@@ -693,7 +697,7 @@ def heard_of_bags(bags: tuple[Path, ...]) -> Heard:
         )
     if not found.spans_ns:
         raise InputError("there is nothing to learn from")
-    return heard_of(found)
+    return found, heard_of(found)
 
 
 def joined(before: Heard, now: Heard, seconds: float) -> Heard | None:
@@ -814,9 +818,14 @@ def _free_port(folder: Path) -> int:
     return port
 
 
-def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> dict[str, str]:
+def _write(
+    wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False, logs: Gathered | None = None
+) -> dict[str, str]:
     """Write the robot's files, and show what would change of those that are there; return what they say now;
     nothing, where one of them says something else.
+
+    Args:
+        logs: in which it was heard, and was healthy: the observers are run over them before.
 
     Raises:
         InputError: what was heard makes no model, or a file cannot be written.
@@ -824,12 +833,16 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     from robomend.cli.init.described import Described, files_of, model_file
     from robomend.cli.schema import FILES, schema_name, schema_text
     from robomend.model.answers import answers_of, with_answers
+    from robomend.model.from_graph import first_model
 
     bus = "tcp:127.0.0.1:0" if len(str(wanted.folder.resolve())) > LONGEST_FOLDER else None
     heard = with_files(heard, wanted.launch, wanted.analyzers)
     heard = replace(heard, devices={**plugged_in(), **heard.devices} if wanted.devices else {})
     said = Described(wanted.name, heard=heard, origin=heard.origin, url=url, bus=bus, policy="observe")
-    texts = files_of(said)
+    first = first_model(heard, wanted.name)
+    if logs is not None:
+        _try(first.entries, heard, wanted.name, logs)
+    texts = files_of(said, first)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
     written, others, path = {}, False, wanted.folder
     try:
@@ -859,6 +872,21 @@ def _write(wanted: Wanted, heard: Heard, url: str, *, quietly: bool = False) -> 
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be written: {error.strerror}") from error
     return {} if others else written
+
+
+def _try(entries: Entries, heard: Heard, name: str, logs: Gathered) -> None:
+    """Have observers call nothing false of the healthy logs that they are made from."""
+    from robomend.model.from_graph import Entries
+    from robomend_batch.learn.gathering import NO_GRAPH
+    from robomend_batch.learn.learning import PER_HOUR, calm, draft_of
+
+    def learned(without: Collection[int]) -> Entries:
+        found = draft_of(logs, heard, NO_GRAPH, PER_HOUR, name, without).entries
+        return Entries(found.topics, evidence=found.evidence)  # of other observers the model says less
+
+    calm(logs, entries, learned)
+    for told, (_, _, why) in entries.doubtful.items():
+        click.echo(f"doubtful: {told}: {why}: it is left as a comment", err=True)
 
 
 def _replace(path: Path, text: str) -> None:

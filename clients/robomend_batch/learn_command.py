@@ -13,7 +13,7 @@ from robomend_batch.found import find_logs
 from robomend_client.counts import counted
 
 if TYPE_CHECKING:
-    from robomend_batch.learn.learning import Learned
+    from robomend_batch.learn.learning import LearnedDraft
     from robomend_client.ros_graph import RosGraph
 
 MODEL, OBSERVERS = "model.yaml", "observers.yaml"
@@ -116,7 +116,7 @@ def _check_free(out: Path, overwrite: bool) -> None:
         raise InputError(f"{out} has a {there[0]} already: --overwrite replaces it")
 
 
-def _write(out: Path, learned: Learned) -> None:
+def _write(out: Path, learned: LearnedDraft) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for file, text in ((MODEL, learned.model), (OBSERVERS, learned.observers)):
         beside = out / f"{file}.tmp"
@@ -124,7 +124,7 @@ def _write(out: Path, learned: Learned) -> None:
         beside.replace(out / file)
 
 
-def _tell(learned: Learned, out: Path | None, quiet: bool) -> None:
+def _tell(learned: LearnedDraft, out: Path | None, quiet: bool) -> None:
     for problem in learned.problems:
         if problem["bad"] or not quiet:
             place = f"{problem['place']}: " if problem["place"] else ""

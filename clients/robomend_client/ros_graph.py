@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Any
@@ -167,6 +167,36 @@ class HeardDevice:
     node: str = ""  # that drives it, as far as that is known
 
 
+@dataclass(frozen=True, slots=True)
+class SteadyTopic:
+    """A topic that came steadily, and what its observer is told of it."""
+
+    rate_hz: float
+    tolerance_hz: float
+    above_hz: float
+    window: int  # messages
+    settle: int  # intervals
+    silence_s: float
+    pause_s: float | None
+    why: tuple[str, ...]  # what the numbers rest on
+    first_s: float | None = None  # so long it may take to begin, where that was seen
+    held_s: float | None = None  # what was held up for so long, and comes at once, is no wrong rate
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What long recordings tell beside: then rates, statuses and inputs are not told by plain rules."""
+
+    rates: Mapping[str, SteadyTopic | str] = field(default_factory=dict)  # topic -> its rate, or why none
+    answers: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # topic -> input -> evidence
+    observers: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # name -> keys, as YAML has them
+    evidence: Mapping[str, Sequence[str]] = field(default_factory=dict)  # of each observer
+    blamed: Mapping[str, str] = field(default_factory=dict)  # property of an observer -> node
+    values: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # name -> topic, field
+    related: Sequence[tuple[str, str]] = ()  # values whose trends are alike
+    left_out: Sequence[tuple[str, str]] = ()  # what is not observed, and why
+
+
 @dataclass(frozen=True)
 class Heard:
     """What was heard of a robot. A graph alone is one, too: then nobody listened (`seconds` is 0)."""
@@ -192,6 +222,7 @@ class Heard:
     launched: Mapping[str, str] = field(
         default_factory=dict
     )  # nodes of launch files -> what they say of each
+    learned: Learned | None = None  # from long recordings
     unnamed: frozenset[str] = frozenset()  # nodes that stand for publishers of which nobody knows the name
 
     def within(self, namespace: str) -> Heard:

@@ -12,13 +12,14 @@ from robomend.model.answers import (
     GivenAnswers,
     answered,
     answers_of,
-    arrow_question,
     asks_of_arrow,
     questions_of,
     with_answers,
 )
-from robomend.model.from_graph import first_model
+from robomend.model.from_graph import arrow_question, first_model, steady
 from robomend.model.loading import load_text
+from robomend_client.observers import SECOND
+from robomend_client.ros_graph import Learned
 
 ODD = '/odd: "name"'
 NODES: dict[str, tuple[list[str], list[str]]] = {
@@ -107,6 +108,24 @@ def test_an_arrow_that_was_contradicted_is_taken_out_or_kept_and_a_model_made_an
         answered(first, arrow_question("map", "scan"), "no")  # nothing says so
     by_hand = "robomend: 1\nnodes: {a: {publishes: {scan: []}}, mapper: {publishes: {pose: [scan]}}}\n"
     assert not asks_of_arrow(by_hand, "pose", "scan")  # its lines are its writer's
+
+
+def test_an_arrow_that_was_seen_from_times_alone_is_asked_of_and_is_taken_out_by_a_no() -> None:
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/lidar": (["/scan"], []),
+        "/mapper": (["/map"], ["/scan"]),
+    }
+    rates = {topic: steady(came(10), 60 * SECOND) for topic in ("/scan", "/map")}
+    learned = Learned(rates, {"/map": {"/scan": "comes 20 ms after scan"}})
+    first = first_model(heard({}, nodes, learned=learned), "rover").text
+    assert "map: [scan]    # comes 20 ms after scan" in first
+    question = arrow_question("map", "scan")
+    assert question in questions_of(first).others
+    model = answered(first, question, "no")
+    assert inputs(model, "mapper", "map") == ()
+    assert question not in questions_of(model).others
+    assert with_answers(first, answers_of(model)) == model
+    assert inputs(answered(first, question, "yes"), "mapper", "map") == ("scan",)
 
 
 def test_a_model_by_hand_asks_nothing() -> None:

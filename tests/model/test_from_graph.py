@@ -13,12 +13,21 @@ from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
 from robomend.model.checking import check
-from robomend.model.from_graph import SteadyTopic, first_model, model_from_graph, rests, steady, tighter
+from robomend.model.from_graph import first_model, model_from_graph, rests, steady, tighter
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend_client.literals import Literal, fails, holds
 from robomend_client.observers.rate import Rate
-from robomend_client.ros_graph import Ear, Heard, HeardStatus, HeardTopic, RosGraph, UsualRate, lasting_name
+from robomend_client.ros_graph import (
+    Ear,
+    Heard,
+    HeardStatus,
+    HeardTopic,
+    RosGraph,
+    SteadyTopic,
+    UsualRate,
+    lasting_name,
+)
 
 ROBOT = RosGraph(
     publishers={
@@ -235,7 +244,11 @@ def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_abo
         "odd": status(0, "/elsewhere"),
     }
     made = first_model(heard({}, nodes, statuses=statuses), "rover")
-    assert made.statuses == {"lidar_scan": "lidar: scan", "cpu": "cpu"}
+    entries = made.entries.observers
+    assert {name: keys["status"] for name, keys in entries.items()} == {
+        "lidar_scan": '["lidar: scan"]',
+        "cpu": '["cpu"]',
+    }
     assert "'not ab(b/lidar) -> ok(lidar_scan)'" in made.text
     assert "the status 'disk' said WARN: is that so by design?" in made.asked
     assert "of which node does the status 'odd' speak?" in made.asked
@@ -271,7 +284,8 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
         origin={"ros2": {"domain": 7}},
     )
     made = first_model(found, "rover")
-    assert {name: keys["kind"] for name, keys in made.signs.items()} == {
+    assert {name: keys["kind"] for name, keys in made.entries.observers.items()} == {
+        "nodes": "node",
         "goals_navigate": "goals",
         "lifecycle_imu": "lifecycle",
         "rosout_imu": "rosout",
@@ -284,10 +298,27 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     files_of(Described("rover", heard=found, origin=found.origin))
 
 
+def test_who_only_has_a_nodelet_loaded_is_no_node_of_the_model() -> None:
+    """It ends when its manager does, which is the one that failed."""
+    nodes: dict[str, tuple[list[str], list[str]]] = {
+        "/camera_manager": (["/image_raw", "/camera_manager/bond"], ["/camera_manager/bond"]),
+        "/camera": (["/camera_manager/bond"], ["/camera_manager/bond"]),
+        "/bonded": (["/docking/bond"], []),
+    }
+    found = heard({"/image_raw": came(15)}, nodes, origin={"ros1": {}})
+    services = {"/camera_manager/load_nodelet": frozenset({"/camera_manager"})}
+    made = first_model(replace(found, graph=replace(found.graph, services=services)), "rover")
+    assert made.nodes == ("bonded", "camera_manager")
+    assert (
+        "# Nodes that only keep nodelets loaded: their manager does the work, and ends them:\n#   camera\n"
+        in made.text
+    )
+
+
 def test_where_no_log_was_heard_nobody_is_said_to_log_no_errors() -> None:
     nodes: dict[str, tuple[list[str], list[str]]] = {"/imu": (["/imu/data"], [])}
     found = heard({"/imu/data": came(50)}, nodes, errors=None, origin={"ros1": {}})
-    assert first_model(found, "rover").signs == {}
+    assert first_model(found, "rover").entries.observers.keys() == {"nodes"}
 
 
 def test_a_publisher_whose_name_nobody_knows_is_asked_for_and_not_watched() -> None:
@@ -302,7 +333,8 @@ def test_a_publisher_whose_name_nobody_knows_is_asked_for_and_not_watched() -> N
     assert made.nodes == ("imu",)
     assert "which node publishes scan?" in made.asked
     assert "which device does of_scan drive, if any?" not in made.asked
-    assert {keys.get("node") for keys in made.signs.values()} == {"imu"}
+    said = made.entries.observers.values()
+    assert {keys.get("node", keys.get("nodes")) for keys in said} == {"imu", "[imu]"}
     model = load_text(made.text)
     found_bad = make_engine("sat", model.cnf).diagnose([fails("ok", "scan")]).diagnoses
     assert [set(one.bad) for one in found_bad] == [{"of_scan"}]
@@ -488,7 +520,7 @@ def test_what_was_heard_for_a_minute_diagnoses_as_the_model_by_hand() -> None:
     found = heard(topics, of_nodes, origin={"ros2": {"domain": 7}}, statuses=statuses)
     first = first_model(found, "rover")
     draft = load_text(first.text)
-    meets = [holds("ok", name) for name, keys in first.signs.items() if keys["kind"] == "qos"]
+    meets = [holds("ok", name) for name, keys in first.entries.observers.items() if keys["kind"] == "qos"]
 
     def seen(*faults: str) -> list[Literal]:
         """Return what is observed once faults have settled: `kill X`, `mute TOPIC`, `status`."""

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -28,6 +29,7 @@ from tests.blocks import BLOCKS
 from tests.clients.running_agent import alive
 from tests.forked import popen
 from tests.node_process import NodeProcess
+from tests.other_root import user_systemd
 from tests.robomend_batch.recordings import steady, write
 from tests.robomend_batch.running import batch_run, logs
 from tests.robomend_demo.playing import children
@@ -42,7 +44,7 @@ from tests.zenoh_robot import robot as zenoh_robot
 from robomend.cli.commands import run
 from robomend.model.from_graph import first_model
 from robomend.model.loading import load_model, load_text
-from robomend_batch.attach_command import alike_namespaces, joined, plugged_in, settled
+from robomend_batch.attach_command import DEFAULT_PORT, alike_namespaces, joined, plugged_in, settled
 from robomend_client.ros_graph import Ear, Heard, HeardDevice, RosGraph
 
 MOST_S = 110.0
@@ -392,8 +394,16 @@ def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
         path = f"{programs}:{ros.environment['PATH']}"
         around = {**ros.environment, "PATH": path, "XDG_CONFIG_HOME": str(home)}
         try:
-            with attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach:
+            with (
+                attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach,
+                socket.socket() as other,
+            ):
+                attach.until_said("^listening, ")
+                with suppress(OSError):  # who takes the usual port meanwhile keeps it
+                    other.bind(("127.0.0.1", DEFAULT_PORT))
+                    other.listen()
                 page = attach.until_said("^the page: ").removeprefix("the page: ")
+                assert f":{DEFAULT_PORT}/" not in page
                 attach.until_said("It ends with: systemctl --user disable --now robomend-rover")
                 assert attach.process.wait(MOST_S) == 0
             url, _, robot = page.partition("/ui/robots/")
@@ -423,6 +433,40 @@ def test_detached_it_goes_on_as_units_of_the_user(tmp_path: Path) -> None:
                 with suppress(ProcessLookupError):
                     os.kill(int(pid), signal.SIGTERM)
             until(lambda: not any(alive(int(pid)) for pid in started), "both have ended")
+
+
+def test_detached_a_real_systemd_starts_it_again_and_ends_it(tmp_path: Path) -> None:
+    home, units = tmp_path / "config", ("robomend-rover-agent.service", "robomend-rover.service")
+    with ros2_robot(tmp_path) as ros, user_systemd(tmp_path, home) as systemctl:
+
+        def asked(*words: str) -> str:
+            return subprocess.check_output([systemctl, "--user", *words], text=True)
+
+        rover2(ros)
+        path = f"{systemctl.parent}:{ros.environment['PATH']}"
+        around = {**ros.environment, "PATH": path, "XDG_CONFIG_HOME": str(home)}
+        with attached(tmp_path, around, *README, "--detach", "--name", "rover", "rover 50%") as attach:
+            page = attach.until_said("^the page: ").removeprefix("the page: ")
+            attach.until_said("It ends with: systemctl --user disable --now robomend-rover")
+            assert attach.process.wait(MOST_S) == 0
+        robot = page.replace("/ui/", "/api/v1/")
+
+        def state() -> str:
+            with suppress(httpx.TransportError):
+                return str(httpx.get(robot).json()["state"])
+            return "no answer"
+
+        until(lambda: state() == "healthy", "it is healthy", MOST_S)
+        process = ("show", "--property=MainPID", "--value")
+        for unit in units:
+            killed = asked(*process, unit)
+            asked("kill", "--signal=KILL", unit)
+            until(lambda: asked(*process, unit) not in (killed, "0\n"), f"{unit} runs again", MOST_S)  # noqa: B023  # it ends here
+        ros.nodes["lidar_driver"].kill()
+        until(lambda: state() == "unhealthy", "they look after it again", MOST_S)
+        asked("disable", "--now", *units)
+        assert [asked(*process, unit) for unit in units] == ["0\n", "0\n"]
+        assert asked("show", "--property=UnitFileState", "--value", *units).split() == ["disabled"] * 2
 
 
 def test_a_robot_with_ros_2_over_zenoh_is_watched(tmp_path: Path) -> None:
@@ -541,6 +585,23 @@ def test_a_folder_of_recordings_is_read_and_one_of_moments_gives_nothing_to_watc
 def test_a_topic_that_begins_late_is_no_fault_of_its_own_recording(late_s: float, tmp_path: Path) -> None:
     log = write(tmp_path / "good.bag", [*steady("odom", 20, 40), *steady("scan", 10, 40, start_s=late_s)])
     assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    given = log, "--observers", tmp_path / "rover" / "agent.yaml"
+    assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
+    assert set(logs(tmp_path / "out")[0]["span_ns"]) == {"healthy", "unknown"}
+
+
+@pytest.mark.parametrize("slow_hz", [20, 0.5])
+def test_a_draft_calls_nothing_of_its_own_recording_faulty(slow_hz: float, tmp_path: Path) -> None:
+    """Long before its end a topic was slow: it is watched by what is learned of all of it."""
+    scans = [
+        *steady("scan", 50, 20),
+        *steady("scan", slow_hz, 30, start_s=20),
+        *steady("scan", 50, 90, start_s=30),
+    ]
+    log = write(tmp_path / "good.bag", [*steady("odom", 20, 90), *scans])
+    assert run(["attach", "--bag", str(log), str(tmp_path / "rover")]) == 0
+    agent = (tmp_path / "rover" / "agent.yaml").read_text()
+    assert "  # learned from all of the logs\n  scan: {rate_hz: " in agent
     given = log, "--observers", tmp_path / "rover" / "agent.yaml"
     assert batch_run(tmp_path / "out", *given, model=tmp_path / "rover" / "rover.yaml") == 0
     assert set(logs(tmp_path / "out")[0]["span_ns"]) == {"healthy", "unknown"}

@@ -1,4 +1,4 @@
-"""From logs of a healthy robot to a first model and its observers.
+"""From logs of a healthy robot to what was heard of it, and by that to a first model and its observers.
 
     logs ──► what was published, by whom, when, which values ──► numbers, each with its evidence ──► DRAFT/
      gathering.py                                        rates, delays, matches, ranges         draft.py
@@ -10,9 +10,7 @@ rates.py        the rate of a topic, how far it strays, how long it is silent
 delays.py       which topic answers which, and how fast
 matches.py      values whose trends are alike
 ranges.py       the numbers in /diagnostics
-words.py        names and numbers as YAML has them
-model.py        the graph, and what else the model must declare
-draft.py        the observers' file
+draft.py        what was learned, as part of what was heard: of that `model/from_graph.py` makes the model
 update.py       changes of a file that exists, as a diff
 learning.py     all of it, in order; the drafted observers over what was held back: the false alarms
 """

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
+from robomend.model.from_graph import is_plumbing
 from robomend_batch.learn.stretches import Stretch, Times, cut
 from robomend_batch.logs.compressed import plain_log
 from robomend_batch.logs.fields import compile_field, plain
@@ -26,6 +27,7 @@ from robomend_batch.logs.kinds import RECORDINGS, kind_of
 from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
 from robomend_batch.logs.wanted import STATUSES, WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
+from robomend_client.counts import counted
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
 from robomend_client.observers.rosout import reaches
@@ -42,6 +44,11 @@ TICK_NS = SECOND // 5
 """That of the observer that compares two values."""
 
 DIAGNOSTICS, STATUS = WHOLE["diagnostics"]
+
+REPLAYED = "/play_"
+"""How a node is called that plays a recording, and is recorded anew."""
+
+NO_GRAPH = RosGraph()
 
 UNNAMED = "/publisher_of_"
 """The node of a topic whose publisher no log names; the topic follows."""
@@ -193,8 +200,12 @@ def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: No
     return found
 
 
-def heard_of(found: Gathered) -> Heard:
-    """Return what logs hold as if somebody had listened, one log after the other, a moment apart."""
+def heard_of(found: Gathered, live: RosGraph = NO_GRAPH) -> Heard:
+    """Return what logs hold as if somebody had listened, one log after the other, a moment apart.
+
+    Args:
+        live: of the running robot: who publishes what the logs name nobody for, and who listens.
+    """
     begins: list[int] = []
     end_ns = 0
     for start_ns, stop_ns in found.spans_ns:
@@ -208,11 +219,19 @@ def heard_of(found: Gathered) -> Heard:
             for time_ns in topic.of_log(log).tolist():
                 ear.message(time_ns + ahead_ns)
         topics[f"/{name}"] = replace(ear.heard(), wait_s=first_s(found, name))
-        named = topic.publishers or {UNNAMED + name}
-        unnamed |= named - topic.publishers
+        named = frozenset(node for node in topic.publishers if not f"{node}_".startswith(REPLAYED))
+        named = named or live.publishers.get(f"/{name}", frozenset())
+        if not named and not is_plumbing(f"/{name}"):
+            named = frozenset({UNNAMED + name})
+            unnamed |= named
         publishers[f"/{name}"] = frozenset(map(lasting_name, named))
+    own = frozenset(node for nodes in publishers.values() for node in nodes)  # the recorder listens to all
     graph = RosGraph(
-        publishers, types={f"/{name}": sorted(topic.types)[0] for name, topic in found.topics.items()}
+        publishers,
+        {topic: live.subscribers.get(topic, frozenset()) & own for topic in publishers},
+        types={
+            f"/{name}": sorted(topic.types)[0].replace("/msg/", "/") for name, topic in found.topics.items()
+        },
     )
     statuses = {
         name: HeardStatus(
@@ -227,16 +246,21 @@ def heard_of(found: Gathered) -> Heard:
         for (_, name), status in found.statuses.items()
     }
     names = ", ".join(Path(name).name for name in found.names[:3])
+    more = f" and {len(found.names) - 3} more" if len(found.names) > 3 else ""
+    others = ", ".join(sorted(node.removeprefix("/") for node in found.nodes))
     origin = "ros1" if any(".bag" in Path(name).suffixes for name in found.names) else "ros2"
     return Heard(
         graph,
-        f"the recordings {names}",
+        f"{counted(len(found.names), 'recording')} of a healthy robot: {names}{more}",
         end_ns / SECOND,
         end_ns,
         topics,
         statuses,
         errors=None if found.errors is None else dict(found.errors),
         unnamed=frozenset(unnamed),
+        remarks=(f"nodes that the recordings name, without their topics: {others}",)
+        if unnamed and others
+        else (),
         origin={origin: {}},
     )
 

@@ -7,18 +7,35 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 from robomend.errors import InputError
-from robomend.model.from_graph import is_plumbing, is_tool, slug
+from robomend.model.from_graph import (
+    Entries,
+    FirstModel,
+    comment,
+    first_model,
+    observers_lines,
+    seconds_told,
+    spoken_topics,
+)
 from robomend.model.loading import load_text
-from robomend_batch.learn import draft, model
-from robomend_batch.learn.delays import DelayFound, learn_delays
-from robomend_batch.learn.gathering import UNNAMED, Gathered, Series, first_s, gather, open_log
+from robomend_batch.learn import draft
+from robomend_batch.learn.delays import learn_delays
+from robomend_batch.learn.gathering import (
+    DIAGNOSTICS,
+    NO_GRAPH,
+    Gathered,
+    Series,
+    first_s,
+    gather,
+    heard_of,
+    open_log,
+)
 from robomend_batch.learn.matches import learn_matches
-from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
+from robomend_batch.learn.ranges import TELEMETRY, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
 from robomend_batch.learn.stretches import Stretch, hours
 from robomend_batch.logs.wanted import Wants
@@ -28,9 +45,10 @@ from robomend_client.counts import counted
 from robomend_client.literals import Atom
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
-from robomend_client.ros_graph import RosGraph
+from robomend_client.ros_graph import Heard, RosGraph
 
-NO_GRAPH = RosGraph()
+PER_HOUR = 0.1
+"""False alarms of all observers together that are aimed at, where nobody says otherwise."""
 
 TELEMETRY_SHARE = 0.1
 """False alarms of the ranges of telemetry, on top of those of all others."""
@@ -43,12 +61,12 @@ DOUBTFUL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Learned:
+class LearnedDraft:
     """What came out."""
 
     model: str
     observers: str
-    entries: draft.Entries
+    entries: Entries
     logs: int
     learned_h: float
     held_back_h: float
@@ -68,11 +86,11 @@ def learn(
     names: Sequence[str],
     *,
     robot: str = "robot",
-    per_hour: float = 0.1,
+    per_hour: float = PER_HOUR,
     live: RosGraph = NO_GRAPH,
     update: Path | None = None,
     on_log: Callable[[str], None] = lambda name: None,
-) -> Learned:
+) -> LearnedDraft:
     """Learn from logs of a healthy robot.
 
     Args:
@@ -93,32 +111,25 @@ def learn(
     learned_h = hours(found.learned)
     if not found.held_back:
         found.problems.add("", "too short to hold any of it back: no false alarms are measured", bad=False)
-    entries = draft.Entries()
-    publishers = model.publishers_of(found.topics.values(), live)
-    single = {topic: next(iter(nodes)) for topic, nodes in publishers.items() if len(nodes) == 1}
-    parts = _Parts(found, single, learned_h, per_hour, live)
-    declared = model.Declared()
-    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
-    known = model.declared_topics(text)
-    parts.observe(entries, declared, known)
-    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
-    load_text(text)  # whatever the names in the logs are, what is drafted can be read
+    heard = replace(heard_of(found, live), statuses={}, origin={})  # what is learned of these says more
+    again = partial(draft_of, found, heard, live, per_hour, robot)
+    first = again()
+    load_text(first.text)  # whatever the names in the logs are, what is drafted can be read
+    entries = first.entries
     alarms = _trial(found, entries, found.held_back)
     held_back_h = hours(found.held_back)
     each = per_hour / max(1, len(entries.names))
     doubtful = tuple(
         name for name in entries.names if _by_chance(alarms[name], each * held_back_h) < DOUBTFUL
     )
-    _doubt(found, entries, partial(parts.again, known), doubtful, alarms)
-    head = _head(robot, found, learned_h, held_back_h, per_hour, entries, sum(alarms.values()))
-    trial = {
-        name: f"held back: {counted(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
-        for name in entries.names
-        if found.held_back
-    }
-    return Learned(
-        text,
-        draft.observers_text(entries, head, trial),
+    _doubt(found, entries, lambda without: again(without).entries, doubtful, alarms)
+    head = _head(robot, heard.source, found, learned_h, per_hour, entries, sum(alarms.values()))
+    for name in entries.names if found.held_back else ():
+        told = f"held back: {counted(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
+        entries.evidence[name].append(told)
+    return LearnedDraft(
+        first.text,
+        "\n".join([*(f"# {comment(line)}" for line in head), "", *observers_lines(entries), ""]),
         entries,
         len(found.names),
         learned_h,
@@ -131,177 +142,96 @@ def learn(
     )
 
 
-class _Parts:
-    """What each way of learning finds, with its share of the false alarms."""
+def draft_of(
+    found: Gathered,
+    heard: Heard,
+    live: RosGraph,
+    per_hour: float,
+    robot: str,
+    without: Collection[int] | None = None,
+) -> FirstModel:
+    """Return what is drafted of logs.
 
-    def __init__(
-        self, found: Gathered, node_of: Mapping[str, str], learned_h: float, per_hour: float, live: RosGraph
-    ) -> None:
-        self._found = found
-        self._live = live
-        self._node_of = node_of
-        self._per_hour = per_hour
-        learned = found.learned
-        topics = [
-            name
-            for name in sorted(found.topics)
-            if name in node_of and not is_plumbing(f"/{name}") and not is_tool(node_of[name])
-        ]
-        pieces = {name: found.topics[name].pieces(learned) for name in topics}
-        series: dict[str, Series] = {}
-        for name in topics:
-            series |= {f"{name}:{path}": one for path, one in found.topics[name].fields.items() if one.count}
-        self.matches = learn_matches(series, node_of, learned)
-        # The shares depend on how many observers there are: so delays are learned twice.
-        unnamed = frozenset(name for name in topics if node_of[name].startswith(UNNAMED))
-        self.delays: list[DelayFound]
-        self.delays, _ = learn_delays(pieces, node_of, learned_h, per_hour, unnamed)
-        telemetry = [
-            source for source in sorted(series) if found.topics[source.split(":", 1)[0]].types <= TELEMETRY
-        ]
-        ways = WAYS * len(topics) + len(self.delays) + 2 * len(found.statuses)
-        share = per_hour / max(1, ways)
-        more = TELEMETRY_SHARE * per_hour / max(1, 2 * len(telemetry))
-        self.delays, self.together = learn_delays(pieces, node_of, learned_h, share, unnamed)
-        self.rates = {name: learn_rate(name, pieces[name], learned_h, share) for name in topics}
-        self.ranges = {
-            source: learn_range(source, series[source], learned, learned_h, more, telemetry=True)
-            for source in telemetry
-        }
-        self.statuses = {
-            (topic, name): learn_status(name, status, learned, learned_h, share)
-            for (topic, name), status in sorted(found.statuses.items())
-        }
-
-    @property
-    def links(self) -> model.Links:
-        """What the topics have to do with each other."""
-        return model.Links(self.delays, self.together, self._live, self._found.nodes)
-
-    def again(self, known: frozenset[str], without: Collection[int] = ()) -> draft.Entries:
-        """Return what is learned once more, with these logs held back and nothing else."""
-        found = self._found.without(without)
-        parts = _Parts(found, self._node_of, hours(found.learned), self._per_hour, self._live)
-        again = draft.Entries()
-        parts.observe(again, model.Declared(), known)
-        return again
-
-    def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
-        """Add the entries of all that was found, and what the model must declare for them.
-
-        Args:
-            entries: are added to.
-            declared: is added to.
-            known: topics that the model speaks of.
-        """
-        for name, found in self.rates.items():
-            if name not in known:
-                entries.left_out.append((name, "the model does not speak of it"))
-            elif isinstance(found, RateFound):
-                draft.rate_entry(entries, found, first_s(self._found, name))
-            else:
-                entries.left_out.append((name, found))
-        taken = {*known, *(node.strip("/") for node in self._node_of.values())}
-        for delay in self.delays:
-            if delay.out_topic in known and delay.in_topic in known:
-                name = slug(f"{delay.out_topic}_triggered", taken)
-                taken.add(name)
-                declared.properties[name] = self._node_of[delay.out_topic]
-                rate = self.rates.get(delay.out_topic)
-                silence_s = rate.silence_s if isinstance(rate, RateFound) else 0.0
-                draft.delay_entry(entries, delay, name, silence_s)
-        for match in self.matches:
-            if not {source.split(":", 1)[0] for source in (match.first, match.second)} <= known:
-                continue
-            values = [self._value(source, declared, taken) for source in (match.first, match.second)]
-            declared.related.append((values[0], values[1]))
-            draft.match_entry(entries, match, str(Atom("matched", tuple(values))))
-        for source, value in self.ranges.items():
-            rate = self.rates[source.split(":", 1)[0]]
-            if isinstance(value, str):
-                entries.left_out.append((source, value))
-            elif source.split(":", 1)[0] in known and isinstance(rate, RateFound):
-                self._range(entries, declared, taken, value, rate.rate_hz)
-        for (topic, name), status in self.statuses.items():
-            if isinstance(status, StatusFound):
-                self._status(entries, declared, taken, status, topic)
-            else:
-                entries.left_out.append((f"diagnostics of {name}", status))
-
-    @staticmethod
-    def _value(source: str, declared: model.Declared, taken: set[str]) -> str:
-        topic, path = source.split(":", 1)
-        for name, known in declared.values.items():
-            if known == (topic, path):
-                return name
-        name = slug(f"{topic}_{path}", taken)
-        taken.add(name)
-        declared.values[name] = (topic, path)
-        return name
-
-    def _range(
-        self,
-        entries: draft.Entries,
-        declared: model.Declared,
-        taken: set[str],
-        value: RangeFound,
-        rate_hz: float,
-    ) -> None:
-        name = slug(f"{value.key}_range", taken)
-        taken.add(name)
-        declared.properties[name] = self._node_of[value.key.split(":", 1)[0]]
-        draft.value_entry(entries, value, name, rate_hz)
-
-    def _status(
-        self,
-        entries: draft.Entries,
-        declared: model.Declared,
-        taken: set[str],
-        status: StatusFound,
-        topic: str,
-    ) -> None:
-        blamed = _to_blame(status, {*self._node_of.values(), *self._found.nodes}, topic)
-        if is_tool(blamed):
-            entries.left_out.append((f"diagnostics of {status.name}", "it speaks of a tool"))
-            return
-        name = slug(f"{topic.rpartition('/')[0]} {status.name}".strip(), taken)
-        taken.add(name)
-        declared.properties[name] = blamed
-        limits = {}
-        for one in status.ranges:
-            if any(letter in one.key for letter in "<>=!"):
-                continue
-            for sign, edge, ending in ((1, one.high, "max"), (-1, one.low, "min")):
-                if edge is not None:
-                    atom = slug(f"{name}_{one.key}_{ending}", taken)
-                    taken.add(atom)
-                    declared.properties[atom] = blamed
-                    limits[atom] = (one.key, sign, one)
-        draft.status_entry(entries, status, name, limits, topic)
-
-
-def _to_blame(status: StatusFound, nodes: Collection[str], topic: str) -> str:
-    """Return the node that a status speaks of: what its name begins with, as diagnostic_updater has it, in
-    the namespace of its topic or publisher if several are called so; else its publisher.
+    Args:
+        heard: of them.
+        live: of the running robot, whose nodes are known to listen to what they listen to.
+        per_hour: false alarms of all observers.
+        without: logs that are held back, and nothing else; None: the stretches that are.
     """
-    space = f"/{topic}".rpartition("/")[0]
-    named = status.name.split(":")[0].strip().strip("/")
-    alike = [node for node in nodes if node.strip("/") == named]
-    alike = alike or [node for node in nodes if node.rpartition("/")[2] == named]
-    if space:
-        alike = [node for node in alike if node.startswith(f"{space}/")] or alike
-    only = status.publishers[0] if len(status.publishers) == 1 else None
-    if len(alike) > 1 and only is not None:
-        alike = [node for node in alike if node.rpartition("/")[0] == only.rpartition("/")[0]]
-    if len(alike) == 1:
-        return alike[0]
-    return only or f"{space}/{slug(named)}"
+    found = found if without is None else found.without(without)
+    learned_h, learned = hours(found.learned), found.learned
+    node_of = {topic.removeprefix("/"): node for topic, node in spoken_topics(heard.graph).items()}
+    topics = sorted(node_of.keys() & found.topics.keys())
+    pieces = {name: found.topics[name].pieces(learned) for name in topics}
+    series: dict[str, Series] = {}
+    for name in topics:
+        series |= {f"{name}:{path}": one for path, one in found.topics[name].fields.items() if one.count}
+    # The shares depend on how many observers there are: so delays are learned twice.
+    unnamed = frozenset(name for name in topics if node_of[name] in heard.unnamed)
+    delays, _ = learn_delays(pieces, node_of, learned_h, per_hour, unnamed)
+    telemetry = [
+        source for source in sorted(series) if found.topics[source.split(":", 1)[0]].types <= TELEMETRY
+    ]
+    ways = WAYS * len(topics) + len(delays) + 2 * len(found.statuses)
+    share = per_hour / max(1, ways)
+    more = TELEMETRY_SHARE * per_hour / max(1, 2 * len(telemetry))
+    delays, together = learn_delays(pieces, node_of, learned_h, share, unnamed)
+    rates = {name: learn_rate(name, pieces[name], learned_h, share) for name in topics}
+    signs = draft.LearnedSigns(node_of, frozenset(found.nodes))
+    signs.left_out += [(name, why) for name, why in rates.items() if isinstance(why, str)]
+    answers: dict[str, dict[str, str]] = {}
+    for delay in delays:
+        rate = rates[delay.out_topic]
+        signs.delay(delay, rate.silence_s if isinstance(rate, RateFound) else 0.0)
+        if node_of[delay.out_topic] not in live.nodes:
+            told = f"comes {seconds_told(delay.usual_s)} after {{}} (intervals alike by {delay.likeness:.2f})"
+            answers[f"/{delay.out_topic}"] = {
+                f"/{given}": told.format(given) for given in (delay.in_topic, *delay.more)
+            }
+    for match in learn_matches(series, node_of, learned):
+        signs.match(match)
+    for source in telemetry:
+        rate = rates[source.split(":", 1)[0]]
+        value = learn_range(source, series[source], learned, learned_h, more, telemetry=True)
+        if isinstance(value, str):
+            signs.left_out.append((source, value))
+        elif isinstance(rate, RateFound):
+            signs.range(value, rate.rate_hz)
+    for (topic, name), one in sorted(found.statuses.items()):
+        status = learn_status(name, one, learned, learned_h, share)
+        if isinstance(status, StatusFound):
+            signs.status(status, topic)
+        else:
+            signs.left_out.append((f"diagnostics of {name}", status))
+    steady = {
+        f"/{name}": rate if isinstance(rate, str) else draft.steady_topic(rate, first_s(found, name))
+        for name, rate in rates.items()
+    }
+    graph = heard.graph
+    listeners = dict(graph.subscribers)
+    for out, inputs in answers.items():
+        for given in inputs:
+            listeners[given] = listeners.get(given, frozenset()) | graph.publishers[out]
+    blamed = frozenset(f"/{node}" for node in signs.blamed.values())
+    speakers = graph.publishers.get(f"/{DIAGNOSTICS}", frozenset()) | blamed
+    remarks = [
+        f"{first} and {other} are sent within a moment: perhaps by one node" for first, other in together
+    ]
+    heard = replace(
+        heard,
+        graph=replace(
+            graph, publishers={**graph.publishers, f"/{DIAGNOSTICS}": speakers}, subscribers=listeners
+        ),
+        learned=signs.learned(steady, answers),
+        remarks=(*heard.remarks, *remarks),
+    )
+    return first_model(heard, robot)
 
 
 def _doubt(
     found: Gathered,
-    entries: draft.Entries,
-    again: Callable[..., draft.Entries],
+    entries: Entries,
+    again: Callable[[Collection[int]], Entries],
     doubtful: Sequence[str],
     alarms: Mapping[str, int],
 ) -> None:
@@ -317,17 +247,22 @@ def _doubt(
         )
     for name, count in _left_out(found, entries, again).items():
         entries.doubt(name, f"{counted(count, 'false alarm')} in logs when learned from the others alone")
+    calm(found, entries, again)
+
+
+def calm(found: Gathered, entries: Entries, again: Callable[[Collection[int]], Entries]) -> None:
+    """See to it that observers call nothing of the logs false that they were made from: those that do are
+    taken as they are learned from all of them, and left as comments if they do even then.
+    """
     own = _trial(found, entries, found.whole)
-    if not own:
-        return
-    others = again()
+    others = again(()) if own else Entries()
     for name in own:
         entries.take(name, others)
-    for name, count in _trial(found, entries, found.whole).items():
+    for name, count in _trial(found, entries, found.whole).items() if own else ():
         entries.doubt(name, f"{counted(count, 'false alarm')} in the logs that it was learned from")
 
 
-def _left_out(found: Gathered, entries: draft.Entries, again: Callable[..., draft.Entries]) -> Counter[str]:
+def _left_out(found: Gathered, entries: Entries, again: Callable[[Collection[int]], Entries]) -> Counter[str]:
     """Return the false alarms of each entry over each log, learned from the others: all at once are FOLDS."""
     alarms: Counter[str] = Counter()
     folds = min(FOLDS, len(found.names))
@@ -341,7 +276,7 @@ def _left_out(found: Gathered, entries: draft.Entries, again: Callable[..., draf
     return alarms
 
 
-def _trial(found: Gathered, entries: draft.Entries, stretches: Sequence[Stretch]) -> Counter[str]:
+def _trial(found: Gathered, entries: Entries, stretches: Sequence[Stretch]) -> Counter[str]:
     """Return the false alarms of each entry over stretches of the logs."""
     alarms: Counter[str] = Counter()
     if not stretches or not entries.names:
@@ -350,7 +285,7 @@ def _trial(found: Gathered, entries: draft.Entries, stretches: Sequence[Stretch]
     file = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(draft.observers_text(entries, [], {}))
+            stream.write("\n".join(observers_lines(entries)))
         return _alarms(found, file, stretches)
     finally:
         file.unlink()
@@ -381,28 +316,23 @@ def _by_chance(count: int, meant: float) -> float:
     return 1 - sum(math.exp(-meant) * meant**k / math.factorial(k) for k in range(min(count, 100)))
 
 
-def _source(found: Gathered) -> str:
-    names = ", ".join(Path(name).name for name in found.names[:3])
-    more = f" and {len(found.names) - 3} more" if len(found.names) > 3 else ""
-    return f"{counted(len(found.names), 'log')} of a healthy robot: {names}{more}"
-
-
 def _head(
     robot: str,
+    source: str,
     found: Gathered,
     learned_h: float,
-    held_back_h: float,
     per_hour: float,
-    entries: draft.Entries,
+    entries: Entries,
     alarms: int,
 ) -> list[str]:
+    held_back_h = hours(found.held_back)
     measured = (
         f"Measured over what was held back: {counted(alarms, 'false alarm')} in {held_back_h:.3g} h."
         if found.held_back
         else "Not measured: the logs are too short to hold any of them back."
     )
     return [
-        f"Observers of {robot}, learned from {_source(found)}.",
+        f"Observers of {robot}, learned from {source}.",
         f"{learned_h:.3g} h were learned from, {held_back_h:.3g} h held back.",
         f"Meant: at most {per_hour:g} false alarms an hour of all {len(entries.names)} observers together.",
         measured,

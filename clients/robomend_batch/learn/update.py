@@ -14,9 +14,7 @@ from pathlib import Path
 import yaml
 
 from robomend.errors import InputError
-from robomend.model.from_graph import word
-from robomend_batch.learn.draft import Entries, Entry
-from robomend_batch.learn.words import comment
+from robomend.model.from_graph import Entries, Entry, comment, entry_line
 
 CLOSE = 0.1
 """Of a number."""
@@ -154,7 +152,5 @@ def _added(learned: Mapping[str, Entry], entries: Entries, indent: str) -> list[
     found = []
     for name, entry in learned.items():
         found += [f"{indent}# {comment(line)}\n" for line in entries.evidence[name]]
-        found.append(
-            f"{indent}{word(name)}: {{{', '.join(f'{key}: {text}' for key, text in entry.items())}}}\n"
-        )
+        found.append(f"{indent}{entry_line(name, entry)}\n")
     return found

@@ -25,6 +25,7 @@ from robomend.model.from_graph import (
     LISTENED,
     QUESTIONS,
     TIGHTER,
+    arrow_question,
     comment,
     device_question,
     slug,
@@ -75,11 +76,6 @@ def questions_of(text: str) -> Questions:
     return Questions(int(found[1]), drivers, others)
 
 
-def arrow_question(topic: str, given: str) -> str:
-    """Return what is asked of an arrow that something contradicts."""
-    return f"does {topic} rest on {given}?"
-
-
 def asks_of_arrow(text: str, topic: str, given: str) -> bool:
     """Return whether an answer would be a line of this text: it has the arrow, and nobody has answered."""
     lines = text.split("\n")
@@ -120,7 +116,10 @@ def with_answers(text: str, answers: GivenAnswers) -> str:
     for number, line in enumerate(lines):
         asked = ANSWER.match(line)
         if asked and not asked["answer"] and (asked["asked"] in answers.others or asked["asked"] in named):
-            lines[number] += " " + answers.others.get(asked["asked"], "answered")
+            said = answers.others.get(asked["asked"], "answered")
+            lines[number] += f" {said}"
+            if said == "no" and (arrow := ARROW.fullmatch(asked["asked"])):
+                _strike(lines, arrow["topic"], arrow["input"])
     there_now = dict(_asked(lines))
     for question, said in answers.others.items():
         if question not in there_now and (arrow := ARROW.fullmatch(question)):
@@ -147,7 +146,7 @@ def answered(text: str, question: str, answer: str) -> str:
     if question in asked.others:
         if answer not in WORDS:
             raise InputError("answer by yes or no")
-        again = answer == "no" and TIGHTER not in question
+        again = answer == "no" and TIGHTER not in question and not ARROW.fullmatch(question)
         return with_answers(text, GivenAnswers(others={question: AGAIN if again else answer}))
     if (arrow := ARROW.fullmatch(question)) and asks_of_arrow(text, arrow["topic"], arrow["input"]):
         if answer not in WORDS:
@@ -211,21 +210,26 @@ def _arrow(lines: list[str], topic: str, given: str) -> tuple[int, re.Match[str]
 
 def _answer_arrow(lines: list[str], topic: str, given: str, said: str) -> None:
     """Take an arrow out, or leave it in, and write down what was said."""
-    place = _arrow(lines, topic, given)
-    if place is None:
+    if _arrow(lines, topic, given) is None:
         return
-    number, found = place
     if said == "no":
-        without = {given, slug(f"qos_{given}")}  # that its messages arrive matters to nobody then
-        kept = [name for name in _names(found["inputs"]) if comment(name) not in without]
-        named = ", ".join(map(word, kept))
-        before, after = found.string[: found.start("inputs")], found.string[found.end("inputs") :]
-        lines[number] = f"{before}{named}{after}"
+        _strike(lines, topic, given)
     while lines and not lines[-1]:
         lines.pop()
     if not any(line.startswith(QUESTIONS) for line in lines):
         lines += ["", RAISED]
     lines += [f"#   {arrow_question(topic, given)} {said}", ""]
+
+
+def _strike(lines: list[str], topic: str, given: str) -> None:
+    """Take an arrow out, if it is there."""
+    if (place := _arrow(lines, topic, given)) is not None:
+        number, found = place
+        without = {given, slug(f"qos_{given}")}  # that its messages arrive matters to nobody then
+        kept = [name for name in _names(found["inputs"]) if comment(name) not in without]
+        named = ", ".join(map(word, kept))
+        before, after = found.string[: found.start("inputs")], found.string[found.end("inputs") :]
+        lines[number] = f"{before}{named}{after}"
 
 
 def _add_devices(lines: list[str], new: list[str]) -> None:

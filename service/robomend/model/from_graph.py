@@ -7,7 +7,7 @@
 
 So it serves ROS 1, ROS 2, recordings and graphs of which nothing was heard; whoever made the value knows
 where it is from. What was heard for a minute has plain bounds (`steady`), which what an agent heard since may
-make tighter (`tighter`); hours of logs have learned ones (`robomend-batch learn`).
+make tighter (`tighter`); long recordings bring learned ones along (`Heard.learned`).
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from glob import escape
 from itertools import pairwise
 from math import ceil
 
@@ -26,7 +27,7 @@ from robomend.model.component_yaml import MAX_NAME
 from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.counts import counted
 from robomend_client.literals import PLAIN_NAME, holds
-from robomend_client.ros_graph import Heard, HeardTopic, RosGraph, Table, UsualRate
+from robomend_client.ros_graph import Heard, HeardTopic, Learned, RosGraph, SteadyTopic, Table, UsualRate
 
 TOOLS = (
     *("/rosout", "/robomend*", "/record_*", "/play_*", "/rostopic_*", "/rosservice_*", "/rqt_*", "/rqt"),
@@ -67,6 +68,9 @@ STATE = re.compile(
     r"|CameraInfo|NavSatFix|MagneticField|Range|Temperature|WrenchStamped)\Z"
 )
 """Types of what a robot is told to do, and of what its devices say: the one does not rest on the other."""
+
+LOAD_NODELET = "/load_nodelet"
+"""Ends the service of ROS 1 by which a node takes nodelets in."""
 
 YAML_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*\Z")
 RESERVED = frozenset(("true", "false", "yes", "no", "on", "off", "null", "y", "n"))
@@ -145,19 +149,39 @@ SIGNS = {
 """What is told by observers of these kinds."""
 
 
-@dataclass(frozen=True, slots=True)
-class SteadyTopic:
-    """A topic that came steadily, and what its observer is told of it."""
+STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
-    rate_hz: float
-    tolerance_hz: float
-    above_hz: float
-    window: int  # messages
-    settle: int  # intervals
-    silence_s: float
-    pause_s: float | None
-    why: str  # what the numbers rest on
-    first_s: float | None = None  # so long it may take to begin, where that was seen
+Entry = dict[str, str]
+"""Key -> value, as YAML has them."""
+
+
+@dataclass
+class Entries:
+    """Observers, and the evidence of each."""
+
+    topics: dict[str, Entry] = field(default_factory=dict)
+    observers: dict[str, Entry] = field(default_factory=dict)
+    evidence: dict[str, list[str]] = field(default_factory=dict)  # by the entry's name
+    left_out: list[tuple[str, str]] = field(default_factory=list)  # what is not observed, and why
+    doubtful: dict[str, tuple[str, Entry, str]] = field(default_factory=dict)  # section, entry, why: comments
+
+    @property
+    def names(self) -> list[str]:
+        """Of all entries."""
+        return [*self.topics, *self.observers]
+
+    def doubt(self, name: str, why: str) -> None:
+        """Leave an entry in the file as a comment only."""
+        section = "topics" if name in self.topics else "observers"
+        entry = (self.topics if name in self.topics else self.observers).pop(name)
+        self.doubtful[name] = section, entry, why
+
+    def take(self, name: str, other: Entries) -> None:
+        """Take an entry, with its evidence, as others have it."""
+        for mine, theirs in ((self.topics, other.topics), (self.observers, other.observers)):
+            if name in mine and name in theirs:
+                mine[name] = theirs[name]
+                self.evidence[name] = [*other.evidence[name], "learned from all of the logs"]
 
 
 @dataclass(frozen=True)
@@ -167,8 +191,7 @@ class FirstModel:
     text: str
     nodes: tuple[str, ...]  # whose names are known; they are as the model has them from here on
     watched: Mapping[str, SteadyTopic] = field(default_factory=dict)  # topic -> its rate
-    statuses: Mapping[str, str] = field(default_factory=dict)  # property -> the status that speaks of it
-    signs: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict)  # property -> its observer
+    entries: Entries = field(default_factory=Entries)  # its observers
     asked: tuple[str, ...] = ()  # questions that listening did not answer
     offered: tuple[str, ...] = ()  # remedies that nodes offer, as commented lines of an agent's file
 
@@ -208,7 +231,7 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
     if not rate_hz or not usual_s:
         return "its messages come several at once"
     if heard.span_s < LEAST_SPAN_S:
-        return f"{counted(heard.count, 'message')} within {_s(heard.span_s)}"
+        return f"{counted(heard.count, 'message')} within {seconds_told(heard.span_s)}"
     if quiet_s > max(QUIET_S, QUIET_INTERVALS * usual_s, SILENCE_GAPS * heard.longest_s):
         return f"{counted(heard.count, 'message')}, and then silent for {quiet_s:.3g} s"
     silence_s = max(SILENCE_S, SILENCE_INTERVALS / rate_hz, SILENCE_GAPS * heard.longest_s)
@@ -220,8 +243,9 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
     lowest_hz = min((1 - SLOWER) * rate_hz, (1 - SEEN) * slowest_hz)
     highest_hz = max((1 + FASTER) * max(rate_hz, 1 / usual_s), (1 + SEEN) * fastest_hz)
     why = (
-        f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median {_s(usual_s)}, "
-        f"longest {_s(heard.longest_s)}; windows of {window}: {slowest_hz:.3g} to {fastest_hz:.3g} Hz"
+        f"{counted(heard.count, 'message')} in {heard.span_s:.3g} s; intervals: median "
+        f"{seconds_told(usual_s)}, longest {seconds_told(heard.longest_s)}; windows of {window}: "
+        f"{slowest_hz:.3g} to {fastest_hz:.3g} Hz"
     )
     return SteadyTopic(
         rate_hz,
@@ -231,7 +255,7 @@ def steady(heard: HeardTopic, ended_ns: int) -> SteadyTopic | str:
         max(1, min(window - 1, int(VERDICT_S * rate_hz))),
         silence_s,
         pause_s if pause_s < silence_s else None,
-        why + (f"; began after {heard.wait_s:.3g} s at most" if heard.wait_s > LATE_S else ""),
+        (why, *([f"began after {heard.wait_s:.3g} s at most"] if heard.wait_s > LATE_S else [])),
         2 * heard.wait_s if heard.wait_s > LATE_S else None,
     )
 
@@ -248,7 +272,7 @@ def tighter(steady: SteadyTopic, usual: UsualRate) -> SteadyTopic:
     lowest_hz = usual.slowest_hz - (rate_hz - usual.slowest_hz) / 2 - BEYOND * rate_hz
     highest_hz = usual.fastest_hz + (usual.fastest_hz - rate_hz) / 2 + BEYOND * rate_hz
     why = (
-        f"{steady.why}; in {_long(usual.seconds)} since: longest {_s(usual.longest_s)}, "
+        f"in {_long(usual.seconds)} since: longest {seconds_told(usual.longest_s)}, "
         f"windows {usual.slowest_hz:.3g} to {usual.fastest_hz:.3g} Hz"
     )
     return replace(
@@ -257,7 +281,7 @@ def tighter(steady: SteadyTopic, usual: UsualRate) -> SteadyTopic:
         above_hz=min(steady.above_hz, max(BEYOND * rate_hz, highest_hz - rate_hz)),
         silence_s=silence_s,
         pause_s=steady.pause_s if steady.pause_s is not None and steady.pause_s < silence_s else None,
-        why=why,
+        why=(*steady.why, why),
     )
 
 
@@ -337,22 +361,24 @@ class _Draft:
         self.heard = heard
         self.name = name
         self.listened = heard.seconds > 0
+        self.learned = heard.learned or Learned()
         self.graph = _legal(heard.graph)
         gone = {node for node in heard.gone if not _is_any_of(node, TOOLS)}
+        self.loaders = _loaders(self.graph) - gone
         launched = {name for name in heard.launched if _is_name(name)}
         tools = {name for name in launched if TOOL_PACKAGES.match(heard.launched[name]) or is_tool(name)}
         # What was looked for and is not there is no component: it would be missed from the first moment on.
         here = self.graph.nodes or launched
         self.missing = sorted(launched - here - tools)
-        self.nodes = sorted(node for node in here - gone - tools if not is_tool(node))
+        self.nodes = sorted(node for node in here - gone - tools - self.loaders if not is_tool(node))
         if not self.nodes:
             others = ", ".join(sorted({*self.graph.nodes, *launched})[:5])
             beside = f", only tools or what had ended: {others}" if others else ""
             open_ = "".join(f"; {remark}" for remark in heard.remarks[:MOST_OPEN])
             raise InputError(f"{heard.source}: there is no node of the robot's own{beside}{open_}")
         self.named = [node for node in self.nodes if node not in heard.unnamed]
-        self.topics = self._topics(gone)
-        found = {topic: steady(self._of(topic), heard.ended_ns) for topic in self.topics if self.listened}
+        self.topics = _spoken(self.graph, gone)
+        found = {topic: self._rate_of(topic) for topic in self.topics if self.listened}
         usual = {f"/{topic}": one for topic, one in heard.usual.items()}
         self.steady = {
             topic: tighter(one, usual[topic]) if topic in usual else one
@@ -369,6 +395,7 @@ class _Draft:
     def made(self) -> FirstModel:
         heard = self.heard
         statuses, blamed = self._statuses()
+        blamed |= self.learned.blamed
         signs = self._signs(blamed)
         lines = [f"# A first model of {comment(self.name)}, from {comment(heard.source)}."]
         if self.listened:
@@ -394,13 +421,22 @@ class _Draft:
         if blamed:
             said = {name: comment(status) for name, status in statuses.items()}
             own = signs.keys() - self.meetings.values()
-            said |= {name: SIGNS[str(keys["kind"])] for name, keys in signs.items() if name in own}
+            said |= dict.fromkeys(self.learned.blamed, "its bounds are learned")
+            said |= {name: SIGNS[keys["kind"]] for name, keys in signs.items() if name in own}
             managed = self._managed(signs, blamed)
             for manager, whole in managed.values():
                 said[whole] = f"nobody reports it: {comment(manager)} takes all down when one of them fails"
             if said:
                 lines += ["", "properties:                   # what nodes say of themselves"]
                 lines += [f"  {word(name)}: {{}}    # {why}" for name, why in said.items()]
+        else:
+            managed = {}
+        if self.learned.values:
+            lines += ["", "values:                       # whose trends are alike"]
+            for name, (topic, path) in self.learned.values.items():
+                lines.append(f"  {word(name)}: {{topic: {word(topic)}, field: {word(path)}}}")
+            lines += ["related:", *(f"  - [{word(a)}, {word(b)}]" for a, b in self.learned.related)]
+        if blamed:
             lines += ["", "rules:", *(f"  - {_quoted(rule)}" for rule in _rules(blamed, managed))]
         offered = [one for one in offered_remedies(self.graph) if one.node in self.nodes]
         if offered:
@@ -419,22 +455,17 @@ class _Draft:
             "\n".join(lines) + "\n",
             tuple(node.removeprefix("/") for node in self.named),
             {topic.removeprefix("/"): one for topic, one in self.steady.items()},
-            statuses,
-            signs,
+            self._entries(statuses, signs),
             tuple(self.asked),
             tuple(one.action for one in offered),
         )
 
     # --- what it speaks of -----------------------------------------------------------------------------
 
-    def _topics(self, gone: set[str]) -> dict[str, str]:
-        """Return the topics that the model speaks of, each with its one publisher."""
-        found = {}
-        for topic, publishers in sorted(self.graph.publishers.items()):
-            ours = [node for node in publishers if node not in gone and not _is_any_of(node, TOOLS)]
-            if len(ours) == 1 and not _is_aside(topic, self.graph):
-                found[topic] = ours[0]
-        return found
+    def _rate_of(self, topic: str) -> SteadyTopic | str:
+        if self.heard.learned is None:
+            return steady(self._of(topic), self.heard.ended_ns)
+        return self.learned.rates.get(topic, "silent")
 
     def _of(self, topic: str) -> HeardTopic:
         return self.heard.topics.get(topic, HeardTopic())
@@ -467,9 +498,10 @@ class _Draft:
         if output not in self.steady:
             return []  # nobody watches it
         flowed = [topic for topic in inputs if topic in self.steady]  # nothing rests on what did not flow
+        answers = self.learned.answers.get(output, {})
         if STATE.search(self._kind(output)):
-            flowed = [topic for topic in flowed if not COMMAND.search(self._kind(topic))]
-        seen = {topic: rests(self._of(topic), self._of(output)) for topic in flowed}
+            flowed = [topic for topic in flowed if topic in answers or not COMMAND.search(self._kind(topic))]
+        seen = {topic: topic in answers or rests(self._of(topic), self._of(output)) for topic in flowed}
         kept = [topic for topic in flowed if seen[topic] is not False]
         shown = [topic for topic in kept if seen[topic]]
         return shown if len(kept) > MANY_INPUTS and shown else kept
@@ -513,10 +545,14 @@ class _Draft:
                 yield DRIVES
             yield "    publishes:"
             for topic in outputs:
-                kind = self.graph.types.get(topic)
+                answers = self.learned.answers.get(topic, {})
+                seen = [one for one in rests_on[topic] if one in answers]
+                self.asked += [arrow_question(topic.removeprefix("/"), one.removeprefix("/")) for one in seen]
+                said = [self.graph.types.get(topic, ""), *(answers[one] for one in seen)]
+                hint = comment("; ".join(filter(None, said)))
                 needed = [*rests_on[topic], *(self.meetings.get(one, "") for one in rests_on[topic])]
                 named = ", ".join(word(one) for one in needed if one)
-                yield f"      {word(topic)}: [{named}]" + (f"    # {comment(kind)}" if kind else "")
+                yield f"      {word(topic)}: [{named}]" + (f"    # {hint}" if hint else "")
 
     def _rates(self) -> list[str]:
         topics, rates = sorted(self.topics), self.graph.rates_hz
@@ -526,7 +562,7 @@ class _Draft:
                 found = self.steady.get(topic)
                 if found is not None:
                     said = f"{{rate_hz: {found.rate_hz:.3g}, tolerance_hz: {found.tolerance_hz:.2g}}}"
-                    lines.append(f"  {word(topic)}: {said}    # {found.why}")
+                    lines.append(f"  {word(topic)}: {said}    # {comment(found.why[0])}")
                 elif self._of(topic).latched:
                     lines.append(f"  {word(topic)}: {{latched: true, silent: true}}    # {self._said(topic)}")
                 else:
@@ -559,7 +595,8 @@ class _Draft:
         taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)}
         statuses, blamed = {}, {}
         for status, found in sorted(self.heard.statuses.items()):
-            node = self._speaker(status, found.publishers)
+            ours = [publisher for publisher in found.publishers if publisher in self.nodes]
+            node = speaker(status, ours, self.nodes)
             if self.listened and not found.publishers and not found.topic.count:
                 self.asked.append(f"the status {status!r} is expected and did not come: why?")
             elif node is None:
@@ -573,17 +610,53 @@ class _Draft:
                 statuses[name], blamed[name] = status, node.removeprefix("/")
         return statuses, blamed
 
-    def _signs(self, blamed: dict[str, str]) -> dict[str, dict[str, str | float]]:
+    def _entries(self, statuses: Mapping[str, str], signs: Mapping[str, Entry]) -> Entries:
+        """Return the observers: of rates, of nodes, of what these say, and what was learned beside."""
+        found = Entries()
+        if not self.listened:
+            return found
+        for topic, one in self.steady.items():
+            name = topic.removeprefix("/")
+            found.topics[name], found.evidence[name] = rate_entry(one), list(one.why)
+        if self.named and self.heard.origin:
+            preset = "ros1" if "ros1" in self.heard.origin else "ros2"
+            names = f"[{', '.join(map(word, self.named))}]"
+            found.observers["nodes"] = {"kind": "node", **self._fed(), "preset": preset, "nodes": names}
+        for name, status in statuses.items():
+            came = self.heard.statuses[status].topic
+            every_s = max(came.usual_s, 0.1)
+            found.observers[name] = {
+                "kind": "diagnostic",
+                **self._fed(),
+                "status": f"[{json.dumps(escape(status))}]",
+                "bad_from": "error",
+                "interval_s": f"{every_s:.3g}",
+                "lifetime_s": f"{max(STATUS_LIFE_S, STATUS_GAPS * came.longest_s):.3g}",
+            }
+            found.evidence[name] = [f"OK in all of {came.count} statuses, {every_s:.2g} s apart (median)"]
+        found.observers |= signs
+        found.observers |= {name: dict(keys) for name, keys in self.learned.observers.items()}
+        found.evidence |= {name: list(lines) for name, lines in self.learned.evidence.items()}
+        found.left_out += self.learned.left_out
+        return found
+
+    def _fed(self) -> Entry:
+        """Return who feeds an observer."""
+        return {"from": next(iter(self.heard.origin))} if self.heard.origin else {}
+
+    def _signs(self, blamed: dict[str, str]) -> dict[str, Entry]:
         """Return observers of what nodes show beside their topics; `blamed` gets the nodes of each."""
         if not self.listened or not self.heard.origin:
             return {}
         taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)} | blamed.keys()
-        found: dict[str, dict[str, str | float]] = {}
+        found: dict[str, Entry] = {}
+        preset = {"preset": "ros1"} if "ros1" in self.heard.origin else {}
 
         def sign(kind: str, name: str, of: str, **keys: str | float) -> str:
             called = slug(f"{kind}_{name}", taken)
             taken.add(called)
-            found[called] = {"kind": kind, **keys}
+            said = {key: word(one) if isinstance(one, str) else f"{one:g}" for key, one in keys.items()}
+            found[called] = {"kind": kind, **self._fed(), **(preset if kind == "goals" else {}), **said}
             blamed[called] = of.removeprefix("/")
             return called
 
@@ -610,9 +683,7 @@ class _Draft:
                         self.meetings[topic] = named
         return found
 
-    def _managed(
-        self, signs: Mapping[str, Mapping[str, str | float]], blamed: Mapping[str, str]
-    ) -> dict[str, tuple[str, str]]:
+    def _managed(self, signs: Mapping[str, Entry], blamed: Mapping[str, str]) -> dict[str, tuple[str, str]]:
         """Return, of states of lifecycles, who manages that node and others, and the property of them all.
 
         A lifecycle manager takes down all that it manages when one of them fails: one fault explains all.
@@ -628,18 +699,6 @@ class _Draft:
         called = {node: slug(f"managed_by_{node}", taken) for node in shared}
         return {state: (node, called[node]) for state, node in manager.items() if node in called}
 
-    def _speaker(self, status: str, publishers: Iterable[str]) -> str | None:
-        """Return the node that a status speaks of: what its name begins with, or else its publisher."""
-        named = status.partition(":")[0].strip().strip("/*")
-        ours = [node for node in publishers if node in self.nodes]
-        alike = [node for node in self.nodes if node.strip("/") == named]
-        alike = alike or [node for node in self.nodes if node.rpartition("/")[2] == named]
-        if len(alike) > 1 and len(ours) == 1:  # of the same namespace
-            alike = [n for n in alike if n.rpartition("/")[0] == ours[0].rpartition("/")[0]]
-        if len(alike) == 1:
-            return alike[0]
-        return ours[0] if len(ours) == 1 else None
-
     def _left_out(self) -> list[str]:
         """Return comments on what the model does not speak of."""
         shared, asked, silent = [], [], []
@@ -654,12 +713,14 @@ class _Draft:
             elif not ours:
                 silent.append(comment(topic))
         ended = [comment(node) for node in sorted(self.gone)]
+        loaders = [comment(node) for node in sorted(self.loaders)]
         lines = []
         for what, found in (
             ("Topics of several publishers: the silence of one does not show", shared),
             ("Topics of actions: there are messages when somebody acts", asked),
             ("Topics that no node of the robot publishes: tools do, or nobody", silent),
             ("Nodes that ended, or did not run although they are listed", ended),
+            ("Nodes that only keep nodelets loaded: their manager does the work, and ends them", loaders),
         ):
             if found:
                 lines += ["", f"# {what}:", *(f"#   {line}" for line in found)]
@@ -682,6 +743,62 @@ class _Draft:
             if node in self.nodes:
                 self.asked.append(f"{node.removeprefix('/')} logged {counted(count, 'error')}: was it well?")
         self.asked += self.heard.remarks
+
+
+def rate_entry(steady: SteadyTopic) -> Entry:
+    """Return what the observer of a rate is told; a rounded bound is no tighter."""
+    given = {
+        "tolerance_hz": steady.tolerance_hz,
+        "tolerance_above_hz": steady.above_hz,
+        "window": steady.window,
+        "settle": steady.settle,
+        "silence_s": steady.silence_s,
+        "pause_s": steady.pause_s,
+        "first_s": steady.first_s,
+        "held_s": steady.held_s,
+    }
+    bounds = {
+        key: upwards(value) if isinstance(value, float) else str(value)
+        for key, value in given.items()
+        if value is not None
+    }
+    return {"rate_hz": f"{steady.rate_hz:.4g}", **bounds}
+
+
+def observers_lines(entries: Entries) -> Iterator[str]:
+    """Yield the sections of observers, each of these below what its numbers rest on."""
+    for section, found in (("topics", entries.topics), ("observers", entries.observers)):
+        if found:
+            reported = "                       # reported as ok(topic), or not, by the rate of the messages"
+            yield f"{section}:{reported if section == 'topics' else ''}"
+        for name, entry in found.items():
+            yield from (f"  # {comment(line)}" for line in entries.evidence.get(name, ()))
+            yield f"  {entry_line(name, entry)}"
+    if entries.doubtful:
+        yield "# Doubtful, and so not observed. Who knows that one is right takes its mark away:"
+    for name, (section, entry, why) in entries.doubtful.items():
+        for line in (f"{section}: {why}", *entries.evidence.get(name, ())):
+            yield f"#   {comment(line)}"
+        yield f"#   {entry_line(name, entry)}"
+    if entries.left_out:
+        yield "# Not observed:"
+    for what, why in entries.left_out:
+        yield f"#   {comment(what)}: {comment(why)}"
+
+
+def entry_line(name: str, entry: Entry) -> str:
+    """Return an observer as a line of YAML."""
+    return f"{word(name)}: {{{', '.join(f'{key}: {value}' for key, value in entry.items())}}}"
+
+
+def _loaders(graph: RosGraph) -> set[str]:
+    """Return the nodes of ROS 1 that have another one load a nodelet, and end when that one does."""
+    found: set[str] = set()
+    for service, managers in graph.services.items():
+        if service.endswith(LOAD_NODELET):
+            bond = f"{service.removesuffix(LOAD_NODELET)}/bond"
+            found |= graph.publishers.get(bond, frozenset()) - managers
+    return found
 
 
 def _rules(blamed: Mapping[str, str], managed: Mapping[str, tuple[str, str]]) -> Iterator[str]:
@@ -722,9 +839,43 @@ def _is_name(name: str) -> bool:
     return name.isprintable() and bool(name.strip("/")) and len(name) <= MAX_NAME
 
 
+def spoken_topics(graph: RosGraph) -> dict[str, str]:
+    """Return the topics that a model of this graph speaks of, each with its one publisher."""
+    return _spoken(_legal(graph), frozenset())
+
+
+def _spoken(graph: RosGraph, gone: Collection[str]) -> dict[str, str]:
+    found = {}
+    for topic, publishers in sorted(graph.publishers.items()):
+        ours = [node for node in publishers if node not in gone and not _is_any_of(node, TOOLS)]
+        if len(ours) == 1 and not _is_aside(topic, graph):
+            found[topic] = ours[0]
+    return found
+
+
+def speaker(status: str, publishers: Collection[str], nodes: Collection[str], space: str = "") -> str | None:
+    """Return the node that a status speaks of: what its name begins with, as diagnostic_updater has it, in
+    the namespace of its topic or its publisher if several are called so; else its publisher.
+    """
+    named = status.partition(":")[0].strip().strip("/*")
+    [only] = publishers if len(publishers) == 1 else [None]
+    alike = {node for node in nodes if node.strip("/") == named}
+    alike = alike or {node for node in nodes if node.rpartition("/")[2] == named}
+    if space:
+        alike = {node for node in alike if node.startswith(f"{space}/")} or alike
+    if len(alike) > 1 and only is not None:
+        alike = {node for node in alike if node.rpartition("/")[0] == only.rpartition("/")[0]}
+    return alike.pop() if len(alike) == 1 else only
+
+
 def device_question(node: str) -> str:
     """Return what is asked of a node that rests on no other."""
     return f"which device does {node} drive, if any?"
+
+
+def arrow_question(topic: str, given: str) -> str:
+    """Return what is asked of an arrow that is seen from times alone, or that something contradicts."""
+    return f"does {topic} rest on {given}?"
 
 
 def is_tool(node: str) -> bool:
@@ -749,7 +900,8 @@ def _rate(rate_hz: float) -> str:
     return f"{{rate_hz: {rate_hz:.3g}, tolerance_hz: {rate_hz / 10:.2g}}}"
 
 
-def _s(seconds: float) -> str:
+def seconds_told(seconds: float) -> str:
+    """Return a time for people."""
     return f"{seconds * 1000:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
 
 
@@ -761,6 +913,14 @@ def word(name: str) -> str:
     name = name.removeprefix("/")
     plain = YAML_WORD.match(name) and PLAIN_NAME.match(name) and name.lower() not in RESERVED
     return name if plain else json.dumps(name, ensure_ascii=False)
+
+
+def upwards(value: float) -> str:
+    """Return a positive number of three digits, not below it: a rounded bound is no tighter."""
+    text = f"{value:.3g}"
+    if float(text) < value:
+        text = f"{value * 1.005:.3g}"
+    return f"{float(text):g}"
 
 
 def comment(text: str) -> str:

@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robomend.model.from_graph import slug, word
-from robomend_batch.learn.draft import Entries, observers_text, status_entry
+from robomend.model.from_graph import Entries, observers_lines, slug, upwards, word
+from robomend_batch.learn.draft import LearnedSigns, outwards
 from robomend_batch.learn.ranges import RangeFound, StatusFound
 from robomend_batch.learn.tails import Bound
 from robomend_batch.learn.update import proposed
-from robomend_batch.learn.words import outwards, upwards
 from robomend_batch.observing import load_observers
 from robomend_client.literals import fails, holds
 from robomend_client.observers import SECOND, Driver
@@ -20,13 +19,15 @@ from robomend_client.observers import SECOND, Driver
 
 @pytest.mark.parametrize("name", ["camera [0]: *", 'a "quoted" one', "back\\slash", "Grüße: x"])
 def test_a_status_is_observed_by_its_name_and_no_other(name: str, tmp_path: Path) -> None:
-    entries = Entries()
     edge = Bound(60.0, 40.0, 50.0, 50.0, 100)
     found = RangeFound("CPU 1: temp", None, edge, 30.0, 50.0)
-    status = StatusFound(name, (), "warn", {0: 100}, 1.0, 5.0, (found,), ())
-    status_entry(entries, status, "camera", {"camera_temp_max": (found.key, 1, found)}, "diagnostics")
+    status = StatusFound(name, ("/camera",), "warn", {0: 100}, 1.0, 5.0, (found,), ())
+    signs = LearnedSigns({}, frozenset())
+    signs.status(status, "diagnostics")
+    limit, own = sorted(signs.blamed, key=len, reverse=True)
+    assert set(signs.blamed.values()) == {"camera"}
     file = tmp_path / "observers.yaml"
-    file.write_text(observers_text(entries, ["of\na robot"], {}), encoding="utf-8")
+    file.write_text("\n".join(observers_lines(Entries({}, signs.observers, signs.evidence))))
     (spec,) = load_observers(file).specs
     for shown, expected in ((name, True), ("camera 0: x", False)):
         driver = Driver([spec.make()], 0)
@@ -39,7 +40,7 @@ def test_a_status_is_observed_by_its_name_and_no_other(name: str, tmp_path: Path
                 [{"name": shown, "level": 0, "values": {"CPU 1: temp": "61.5 C"}}],
             )
         ]
-        assert (holds("ok", "camera") in said, fails("ok", "camera_temp_max") in said) == (expected, expected)
+        assert (holds("ok", own) in said, fails("ok", limit) in said) == (expected, expected)
 
 
 def test_a_rounded_bound_is_no_tighter() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,16 @@ from tests.robomend_batch.running import batch_run, intervals, ndjson
 from tests.ros2 import robot as ros2_robot
 
 from robomend.cli.commands import run as robomend
+from robomend.model.answers import questions_of
 from robomend.model.loading import load_model
 from robomend_batch.commands import batch
+from robomend_batch.learn.learning import learn as learned
 from robomend_batch.observing import load_observers
 from robomend_bench.batch import drives
 from robomend_bench.batch.drives import Planted, Robot, Source
 from robomend_bench.batch.learning import Score, rate
 from robomend_client.observers.base import SECOND
+from robomend_client.ros_graph import RosGraph
 
 MINUTES = 8
 
@@ -79,10 +83,10 @@ def test_the_draft_passes_model_check_and_has_who_publishes_and_who_listens(
     assert robomend(["model", "check", str(draft.model)]) == 0
     assert "mapper: component model, 4 components" in capsys.readouterr().out
     text = draft.model.read_text()
-    assert "  mapper:    # all that it publishes rests on" in text
-    assert "      map: [scan]    # std_msgs/Float64" in text
+    assert re.search(r"map: \[scan\]    # std_msgs/Float64; comes \S+ ms after scan \(intervals alike", text)
+    assert "does map rest on scan?" in questions_of(text).others
     assert "  lidar_node:    # listens to nothing: probably a driver; of which device?" in text
-    assert "# Which device does each driver drive" in text
+    assert set(questions_of(text).drivers) == {"base_node", "imu_node", "lidar_node"}
     assert "related:\n  - [gyro_data, odom_data]" in text
 
 
@@ -231,7 +235,7 @@ def test_a_recording_that_names_no_publisher_asks_for_them(tmp_path: Path) -> No
     system = load_model(tmp_path / "model.yaml")
     assert sorted(system.cnf.components) == ["publisher_of_odom", "publisher_of_scan"]
     text = (tmp_path / "model.yaml").read_text()
-    assert "# Who publishes these topics? The recording does not say: each has a node of its own" in text
+    assert "#   which node publishes odom?\n#   which node publishes scan?\n" in text
     dead = write(tmp_path / "dead.mcap", [*steady("scan", 10, 20), *steady("odom", 20, 60)])
     observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
     assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
@@ -256,6 +260,17 @@ def test_the_running_robot_says_who_publishes_and_who_listens(
     assert "onlooker" not in text
     assert "      odom: [scan]    # nav_msgs/Odometry" in text
     assert sorted(load_model(tmp_path / "model.yaml").cnf.components) == ["laser", "tracker"]
+
+
+def test_what_the_running_robot_says_of_a_node_is_neither_guessed_from_times_nor_asked(
+    good: list[Path],
+) -> None:
+    """It listens to odometry, and answers scans; a node that is not there now is guessed at, and asked of."""
+    mapper, other = (RosGraph({}, {"/odom": frozenset({node})}) for node in ("/mapper", "/other"))
+    texts = [learned(list(map(str, good[:1])), live=live).model for live in (mapper, other)]
+    assert ["does map rest on scan?" in text for text in texts] == [False, True]
+    assert ["map: [odom]" in text for text in texts] == [True, False]
+    assert ["map: [scan]" in text for text in texts] == [False, True]
 
 
 def test_a_robot_that_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -307,7 +322,7 @@ def test_nodes_that_a_recorded_discovery_topic_names_are_in_the_question(tmp_pat
         writer.finish()  # type: ignore[no-untyped-call]  # the library's
     assert learn(log, "-o", tmp_path, "--quiet") == 0
     text = (tmp_path / "model.yaml").read_text()
-    assert "# Nodes that it names, without their topics:\n#   base/drive\n#   laser\n" in text
+    assert "#   nodes that the recordings name, without their topics: base/drive, laser\n" in text
     assert sorted(load_model(tmp_path / "model.yaml").cnf.components) == ["publisher_of_scan"]
 
 

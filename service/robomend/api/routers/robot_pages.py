@@ -20,7 +20,8 @@ from robomend.api.routers.moments import moment_out
 from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
-from robomend.model.answers import arrow_question, asks_of_arrow, questions_of
+from robomend.model.answers import asks_of_arrow, questions_of
+from robomend.model.from_graph import arrow_question
 from robomend.model.vocabulary import ACTIVE
 from robomend.repairs.foresight import doubts
 from robomend.repairs.headline import of_robot

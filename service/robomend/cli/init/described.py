@@ -9,14 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from glob import escape
 from pathlib import Path
 from typing import Any
 
 from robomend.cli.schema import schema_line
 from robomend.errors import InputError, ModelError
 from robomend.model.components import ComponentModel
-from robomend.model.from_graph import FirstModel, SteadyTopic, comment, first_model, word
+from robomend.model.from_graph import FirstModel, first_model, observers_lines, word
 from robomend.model.loading import load_text
 from robomend_client.literals import holds
 from robomend_client.ros_graph import Heard
@@ -26,8 +25,6 @@ URL = "http://127.0.0.1:8600"
 
 OBSERVED_S = 5.0
 """A topic whose silence, and so its first good verdict, takes longer is watched, and not waited for."""
-
-STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
 
 @dataclass
@@ -54,14 +51,18 @@ def model_file(robot: str) -> str:
     return f"{robot}-model.yaml" if robot in ("robot", "agent") else f"{robot}.yaml"
 
 
-def files_of(described: Described) -> dict[str, str]:
+def files_of(described: Described, first: FirstModel | None = None) -> dict[str, str]:
     """Return the files of a robot by their names, checked by whoever reads them.
+
+    Args:
+        first: what was made of what was heard, if it was made already.
 
     Raises:
         InputError: what was said does not fit together, with the words of the reader.
     """
     name = model_file(described.robot)
-    first = None if described.heard is None else first_model(described.heard, described.robot)
+    if first is None and described.heard is not None:
+        first = first_model(described.heard, described.robot)
     model = model_text(described) if first is None else first.text
     model = schema_line("model") + model
     try:
@@ -130,7 +131,7 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     for origin, keys in said.origin.items():
         lines += [f"{origin}: {json.dumps(keys)}", f"rate: {{from: {origin}}}"]
     if said.heard is not None and said.heard.seconds and first is not None:
-        lines += _heard_lines(said, first)
+        lines += observers_lines(first.entries)
     elif topics := published(parts):
         lines.append(
             "topics:                       # reported as ok(topic), or not, by the rate of the messages"
@@ -155,58 +156,6 @@ def agent_text(said: Described, parts: ComponentModel, first: FirstModel | None 
     return "\n".join(lines) + "\n"
 
 
-def _heard_lines(said: Described, first: FirstModel) -> Iterator[str]:
-    """The observers of what was heard, each number beside what it rests on."""
-    assert said.heard is not None
-    origin = next(iter(said.origin), "bus")
-    if first.watched:
-        yield "topics:                       # reported as ok(topic), or not, by the rate of the messages"
-        for topic, steady in first.watched.items():
-            yield f"  # {comment(steady.why)}"
-            yield f"  {word(topic)}: {{{_rate_keys(steady)}}}"
-    if (said.origin and first.nodes) or first.statuses or first.signs:
-        yield "observers:"
-    if first.nodes and said.origin:
-        names = ", ".join(map(word, first.nodes))
-        of_ros = "ros1" if origin == "ros1" else "ros2"
-        yield f"  nodes: {{kind: node, from: {origin}, preset: {of_ros}, nodes: [{names}]}}"
-    for name, status in first.statuses.items():
-        came = said.heard.statuses[status].topic
-        every_s = max(came.usual_s, 0.1)
-        life_s = max(STATUS_LIFE_S, STATUS_GAPS * came.longest_s)
-        yield f"  # OK in all of {came.count} statuses, {every_s:.2g} s apart (median)"
-        yield (
-            f"  {word(name)}: {{kind: diagnostic, from: {origin}, status: [{json.dumps(escape(status))}], "
-            f"bad_from: error, interval_s: {every_s:.3g}, lifetime_s: {life_s:.3g}}}"
-        )
-    for name, keys in first.signs.items():
-        preset = ["preset: ros1"] if keys["kind"] == "goals" and origin == "ros1" else []
-        told = [f"kind: {keys['kind']}", f"from: {origin}", *preset]
-        told += [f"{key}: {_value(value)}" for key, value in keys.items() if key != "kind"]
-        yield f"  {word(name)}: {{{', '.join(told)}}}"
-
-
-def _value(value: str | float) -> str:
-    return word(value) if isinstance(value, str) else f"{value:g}"
-
-
-def _rate_keys(steady: SteadyTopic) -> str:
-    """Return what the observer of a rate is told."""
-    keys: dict[str, float] = {
-        "rate_hz": float(f"{steady.rate_hz:.4g}"),
-        "tolerance_hz": float(f"{steady.tolerance_hz:.3g}"),
-        "tolerance_above_hz": float(f"{steady.above_hz:.3g}"),
-        "window": steady.window,
-        "settle": steady.settle,
-        "silence_s": float(f"{steady.silence_s * 1.005:.3g}"),
-    }
-    if steady.pause_s is not None:
-        keys["pause_s"] = float(f"{steady.pause_s * 1.005:.3g}")
-    if steady.first_s is not None:
-        keys["first_s"] = float(f"{steady.first_s * 1.005:.3g}")
-    return ", ".join(f"{key}: {value:g}" for key, value in keys.items())
-
-
 def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None = None) -> str:
     """Return the robot's configuration: what it follows, and what the service should hear of."""
     heard = said.heard is not None and said.heard.seconds > 0
@@ -219,8 +168,10 @@ def robot_text(said: Described, parts: ComponentModel, first: FirstModel | None 
         lines.append(
             "debounce_s: 1                 # what follows from a fault comes a moment after it, or before"
         )
-        quick = [topic for topic, steady in first.watched.items() if steady.silence_s <= OBSERVED_S]
-        observed = [str(holds("ok", name)) for name in (*quick, *first.statuses)]
+        entries = first.entries
+        quick = [name for name, keys in entries.topics.items() if float(keys["silence_s"]) <= OBSERVED_S]
+        quick += [name for name, keys in entries.observers.items() if keys["kind"] == "diagnostic"]
+        observed = [str(holds("ok", name)) for name in quick]
         observed += [str(holds("running", node)) for node in first.nodes if said.origin]
     else:
         observed = [str(holds("ok", topic)) for topic in published(parts)]
