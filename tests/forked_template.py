@@ -47,7 +47,7 @@ SERVICE = (
     "robomend.diagnosis.sat",
     "robomend_board.main",
     "robomend_demo.command",
-    "robomend_demo.command",
+    "robomend_demo.run",
     "robomend_demo.devices",
 )
 """What the template imports; nothing that starts a thread."""

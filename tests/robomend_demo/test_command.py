@@ -8,7 +8,8 @@ import click
 import pytest
 
 from robomend_demo.cast import tedusar, tedusar_with_spare
-from robomend_demo.command import ALL, Wanted, chosen
+from robomend_demo.command import ALL, chosen
+from robomend_demo.run import Wanted
 from robomend_demo.scenarios import DEAD_LIDAR, HUNG_DEVICE, POWER_UP, SCENARIOS, SHUT_DOWN
 from robomend_demo.screen import WHAT_HAPPENS
 
