@@ -39,6 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # or whatever tests start ignores Ctrl-C
     if hasattr(config, "workerinput"):
         shared(config.workerinput["template"])
+    config.addinivalue_line("markers", "long: another of the same kind; only --long runs it")
     if config.getoption("--long"):
         settings.load_profile("long")
 
@@ -56,6 +57,8 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.getoption("--long"):
+        items[:] = [item for item in items if item.get_closest_marker("long") is None]
     if (workers := getattr(config, "workerinput", {}).get("workercount")) is not None:
         items[:] = dealt(items, workers)
 

@@ -13,12 +13,7 @@ from typing import Any
 import pytest
 
 from robomend.cli.commands import run
-from robomend.diagnosis import base
-from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.result import Options
-from robomend.model.loading import load_text
 from robomend.resources import resource
-from robomend_client.literals import fails, holds
 
 TEDUSAR = str(resource("examples", "tedusar.yaml"))
 Capture = pytest.CaptureFixture[str]
@@ -51,18 +46,6 @@ def answer(capsys: Capture, *arguments: str) -> dict[str, Any]:
 
 def bad(found: dict[str, Any]) -> list[list[str]]:
     return [diagnosis["bad"] for diagnosis in found["diagnoses"]]
-
-
-def test_a_trend_denies_the_others_also_when_it_is_denied_itself_later(
-    tmp_path: Path, capsys: Capture
-) -> None:
-    model = tmp_path / "yaw.yaml"
-    model.write_text(
-        "robomend: 1\nnodes: {gyro: {publishes: {imu: []}}}\nvalues: {yaw: {topic: imu, field: z}}\n"
-        "rules: ['not ab(gyro) -> inc(yaw)']\n"
-    )
-    assert bad(answer(capsys, str(model), "-o", "not const(yaw)")) == [[]]
-    assert bad(answer(capsys, str(model), "-o", "const(yaw)", "-o", "not const(yaw)")) == [["gyro"]]
 
 
 def test_each_observation_says_what_it_taught_and_each_diagnosis_what_it_resolves(capsys: Capture) -> None:
@@ -171,18 +154,6 @@ def test_all_minimal_conflicts_are_told_where_they_are_asked_for(tmp_path: Path,
     assert "all minimal conflicts" in capsys.readouterr().err
 
 
-def test_without_a_limit_the_list_is_bounded_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(base, "MAX_DIAGNOSES", 4)
-    system = load_text(CHAIN)
-    engine = make_engine("sat", system.cnf)
-    seen = [holds("v", "a"), fails("v", "g9")]
-    flat = engine.diagnose(seen, Options(minimal="cardinality", limit=None, conflicts=False))
-    assert (len(flat.diagnoses), flat.complete, flat.stopped_by) == (4, False, "limit")
-    factored = engine.diagnose(seen, Options(minimal="cardinality", limit=None, factored=True))
-    assert (factored.count, factored.complete) == (10, True)
-    engine.close()
-
-
 @pytest.mark.parametrize(("line", "shown"), EXAMPLES)
 def test_the_examples_in_the_docs_show_what_is_answered(
     line: str, shown: str, monkeypatch: pytest.MonkeyPatch, capsys: Capture
@@ -196,10 +167,6 @@ def test_the_examples_in_the_docs_show_what_is_answered(
     assert run(words[1:]) == 0
     told = [said.rstrip() for said in capsys.readouterr().out.rstrip().splitlines()]
     assert told[:-1] == shown.rstrip().splitlines()[:-1]  # the last line tells the time it took
-
-
-def test_the_docs_have_examples() -> None:
-    assert len(EXAMPLES) >= 4
 
 
 CIRCLE = """

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from robomend.cli.diagnosis_text import WIDTH, leading_first, told
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor, Options
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options
 from robomend.model.loading import load_model, load_text
 from robomend.oneshots.warm_model import WarmModel
 from robomend.resources import resource
@@ -54,20 +54,6 @@ def test_many_alike_are_counted_and_the_next_step_is_said() -> None:
     assert len(shown) < 25
 
 
-def test_what_all_diagnoses_share_is_said_first() -> None:
-    shown = lines("not ok(cmd_vel)", "not running(grasping)")
-    assert shown[0] == "18 diagnoses, any one of which explains what was seen; all blame grasping:"
-    assert not any("all blame" in line for line in lines("not ok(cmd_vel)"))
-    assert told(result("a b c", "c a d"))[0].endswith("; all blame a and c:")
-
-
-def test_everything_is_shown_on_request() -> None:
-    shown = lines("not ok(cmd_vel)", everything=True)
-    assert sum("%  " in line for line in shown) == 18
-    assert "cleared, if it is head_camera_driver" in shown
-    assert any(line.startswith("  - usb_hub: head_camera_driver already resolves") for line in shown)
-
-
 @pytest.mark.parametrize(
     ("sentences", "first"),
     [
@@ -94,13 +80,6 @@ def test_what_is_cut_short_says_by_what_and_how_to_get_more() -> None:
     assert shown[0] == "no diagnosis found: the search was stopped by time"
 
 
-def test_only_of_a_whole_list_is_said_what_all_diagnoses_blame() -> None:
-    assert told(result("a b", "c b", complete=False, stopped_by="limit"))[0] == (
-        "at least 2 diagnoses, any one of which explains what was seen; those found all"
-    )
-    assert not any("blame" in line for line in told(result("a b", complete=False, count=2)))
-
-
 def test_independent_faults_are_told_as_products_with_their_exact_number() -> None:
     sentences = ("not ok(scan)", "not ok(odom)", "not running(rviz)")
     with WarmModel(TEDUSAR, options=Options(limit=2)) as model:
@@ -108,35 +87,6 @@ def test_independent_faults_are_told_as_products_with_their_exact_number() -> No
     assert shown[0] == "4 diagnoses, any one of which explains what was seen; all blame rviz:"
     assert shown[2] == "  {jaguar, jaguar_node} × {hokuyo, hokuyo_node} × {rviz}"
     assert shown[-1].startswith("complete, as products; ")
-
-
-def test_a_long_product_is_cut_unless_everything_is_asked_for() -> None:
-    row = tuple(Factor(f"a{number}", (f"a{number}",), ((f"b{number}", "c"),)) for number in range(14))
-    bad = " ".join(f"a{number}" for number in range(14))
-    found = result(bad, factored=(row,), count=2**14)
-    assert "{a11, b11 + c} × 2 more factors" in " ".join(line.strip() for line in told(found))
-    assert "{a13, b13 + c}" in " ".join(told(found, everything=True))
-
-
-def test_that_conflicts_are_missing_is_said() -> None:
-    shown = told(result("a", conflicts=1, conflicts_complete=False))
-    assert "not all that these diagnoses rest on: there was no time, or no room" in shown
-
-
-def test_what_cannot_be_supposed_and_what_was_not_looked_at_have_words() -> None:
-    assert told(result())[0] == "no diagnosis: what is supposed cannot be, given what was seen"
-    assert told(result(""), blind=True)[0] == "healthy, for all we know: nothing was observed"
-
-
-def test_one_more_than_the_shown_ones_is_shown_as_well() -> None:
-    six = told(result(*"abcdef", conflicts=6))
-    assert "  f" in six
-    assert "  - conflict 5" in six
-    assert not any("more" in line for line in six)
-    seven = told(result(*"abcdefg", conflicts=7))
-    assert "  … and 2 more" in seven
-    assert "  … and 2 more conflicts" in seven
-    assert "  f" not in seven
 
 
 def test_without_a_way_to_tell_them_apart_the_reason_is_said() -> None:
@@ -162,8 +112,3 @@ def wide() -> Iterator[list[str]]:
 def test_no_line_is_wider_than_a_terminal() -> None:
     for shown in wide():
         assert max(map(len, shown)) <= WIDTH
-
-
-def test_a_thousand_components_are_counted() -> None:
-    shown = "\n".join(told(result(" ".join(f"c{number}" for number in range(1000)))))
-    assert "c11 and 988 more" in shown.replace("\n  ", " ")

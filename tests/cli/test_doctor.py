@@ -65,17 +65,6 @@ def test_a_port_that_our_service_has_is_as_it_should_be_and_one_that_another_pro
         assert "another program has it: choose --port" in said
 
 
-def test_each_finding_is_told_as_soon_as_it_is_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stuck(_: Settings) -> str:
-        assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["ok     python"]
-        raise KeyboardInterrupt  # whoever has waited long enough
-
-    monkeypatch.setattr("robomend.cli.doctor._data_files", stuck)
-    assert run(["doctor", "--data", str(tmp_path)]) == 130
-
-
 def said_of_the_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
     """Return the exit code and what is said of the robot."""
     code = run(["doctor", "--format", "json", *arguments])

@@ -113,16 +113,6 @@ def test_what_no_database_of_ours_holds_is_refused_with_its_line(
     assert run(["import", str(tmp_path / "none"), "--data", str(other)]) == 2  # nothing of it was taken
 
 
-def test_lines_after_the_end_of_an_export_are_refused(data: Path, tmp_path: Path, capsys: Capture) -> None:
-    lines = exported(capsys, data)
-    file, other = tmp_path / "all.ndjson", tmp_path / "new"
-    file.write_text("\n".join([*lines, lines[1], ""]))
-    assert run(["import", str(file), "--data", str(other)]) == 2
-    assert f"line {len(lines)}: more lines follow" in capsys.readouterr().err
-    file.write_text("\n".join([*lines, "", ""]))
-    assert run(["import", str(file), "--data", str(other)]) == 0
-
-
 def test_bad_input_is_named(data: Path, tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "bad"
     file.write_bytes(b"\xff\xfe")

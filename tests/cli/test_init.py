@@ -233,14 +233,3 @@ def test_the_device_of_an_action_is_looked_up_in_the_model(tmp_path: Path, capsy
     assert init("init", "action", "reset_fan", "camera", "--model", model, folder=tmp_path / "a") == 2
     assert "no device 'camera' (it is a node); it has fan" in capsys.readouterr().err
     assert init("init", "action", "reset_fan", "fan", "--model", model, folder=tmp_path / "a") == 0
-
-
-def test_init_with_a_file_still_writes_a_model(tmp_path: Path) -> None:
-    assert run(["init", str(tmp_path / "a.yaml"), "--name", "a"]) == 0
-    assert run(["init", "model", str(tmp_path / "b.yaml")]) == 0
-    assert load_model(tmp_path / "a.yaml").parts is not None
-
-
-def test_a_misspelt_template_is_no_file(tmp_path: Path, capsys: Capture) -> None:
-    assert run(["init", "robt"]) == 2
-    assert "did you mean 'robot'?" in capsys.readouterr().err

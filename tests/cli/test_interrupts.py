@@ -38,16 +38,3 @@ def test_a_wait_ends_early_when_there_is_something_to_read() -> None:
         assert interrupts.wait(30, reader) is True
     os.close(reader)
     os.close(writer)
-
-
-def test_looking_again_and_again_looks_at_least_once() -> None:
-    with Interrupts() as interrupts:
-        look = interrupts.poll(0.0)
-        assert [look.left(), look.left()] == [True, False]
-
-
-def test_afterwards_signals_do_what_they_did_before() -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with Interrupts():
-        assert signal.getsignal(signal.SIGTERM) is not before
-    assert signal.getsignal(signal.SIGTERM) is before

@@ -14,14 +14,6 @@ from robomend.resources import resource
 TEDUSAR = str(resource("examples", "tedusar.yaml"))
 Capture = pytest.CaptureFixture[str]
 
-AGENT = """\
-robot: tedusar
-agent: onboard
-service: {url: "http://127.0.0.1:8600"}
-topics: {odom: {rate_hz: 10, tolerance_hz: 1}, elsewhere: {rate_hz: 10, tolerance_hz: 1}}
-processes: {jaguar_node: {command: ["true"]}}
-"""
-
 
 MOWER = """\
 robomend: 1
@@ -77,16 +69,6 @@ def test_groups_are_told_with_a_table_and_what_to_watch(capsys: Capture) -> None
     assert "complete, by signatures" in out
 
 
-def test_the_matrix_is_drawn(capsys: Capture, tmp_path: Path) -> None:
-    told(capsys, "--svg", str(tmp_path / "m.svg"))
-    assert "hector_mapping" in (tmp_path / "m.svg").read_text()
-
-
-def test_what_an_agent_observes_is_at_hand(capsys: Capture, tmp_path: Path) -> None:
-    (tmp_path / "agent.yaml").write_text(AGENT)
-    assert observed(capsys, "--agent", str(tmp_path / "agent.yaml")) == {"ok(odom)", "running(jaguar_node)"}
-
-
 def test_what_a_robot_reports_is_at_hand_and_so_is_its_board(capsys: Capture, tmp_path: Path) -> None:
     board = {"host": "10.0.0.2", "port": 5000, "expected_currents": {}}
     config = {"model": "tedusar", "observed": ["ok(scan)", "not ok(odom)"], "board": board}
@@ -99,12 +81,6 @@ def test_what_a_robot_reports_is_at_hand_and_so_is_its_board(capsys: Capture, tm
     file = tmp_path / "robot.yaml"
     file.write_text("model: tedusar\nobserved: [ok(scan), not ok(odom)]\n")
     assert observed(capsys, "--robot", str(file)) == {"ok(scan)", "ok(odom)"}
-
-
-def test_double_faults_are_compared_on_request(capsys: Capture) -> None:
-    found = json.loads(told(capsys, "--double", "--format", "json"))
-    assert found["double"]["complete"]
-    assert len(found["double"]["faults"]) == 12 * 11 / 2
 
 
 @pytest.mark.parametrize(

@@ -152,18 +152,3 @@ main(["--version"])
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
-
-
-def test_what_else_fails_inside_a_finalizer_is_told_as_python_tells_it() -> None:
-    code = """
-class Failing:
-    def __del__(self):
-        1 / 0
-
-from robomend.cli.main import interruptible
-interruptible(lambda: [Failing(), 0].pop())
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=False)
-    assert done.returncode == 0
-    assert b"Exception ignored in: <function Failing.__del__" in done.stderr
-    assert b"ZeroDivisionError" in done.stderr

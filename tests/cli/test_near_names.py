@@ -72,8 +72,3 @@ def test_an_example_that_was_shipped_is_found_from_anywhere(folder: Path) -> Non
     assert near_file("tedusar.yaml") == f"; did you mean {TEDUSAR}?"
     (folder / "tedusar.yml").write_text("")
     assert near_file("tedusar.yaml") == "; did you mean tedusar.yml?"
-
-
-def test_a_file_that_is_there_needs_no_other(folder: Path) -> None:
-    assert near_file("my_robot.yaml") == ""
-    assert near_file(str(folder / "nothing" / "like" / "it.xyz")) == ""

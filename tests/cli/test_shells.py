@@ -97,7 +97,10 @@ def read_until(ours: int, pattern: str) -> str:
     return shown
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize(
+    "shell",
+    ["bash", pytest.param("zsh", marks=pytest.mark.long), pytest.param("fish", marks=pytest.mark.long)],
+)
 def test_tab_completes_commands_files_components_and_engines(shell: str, tmp_path: Path) -> None:
     if shutil.which(shell) is None:
         why = PACKAGES[shell].install() if shell in PACKAGES else "install bash"

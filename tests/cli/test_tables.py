@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.cli.tables import at, diagnoses, printable, show_paragraph, show_table, some
+from robomend.cli.tables import at, printable, show_table
 
 Capture = pytest.CaptureFixture[str]
 
@@ -23,23 +23,6 @@ def test_a_table_wraps_what_does_not_fit_and_loses_nothing(capsys: Capture) -> N
     assert lines[-1] == "[red]r2[/]  \\x1b[31mred"
 
 
-def test_sentences_in_the_last_column_have_the_room_and_lists_before_it_are_wrapped(capsys: Capture) -> None:
-    rows = [("r-7k2m9x4q", "hokuyo, laser_alignment, imu", "escalated: " + "word " * 20)]
-    show_table(("repair", "bad", "state"), rows)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[1].startswith("r-7k2m9x4q  hokuyo,")
-    assert lines[2].split()[0] == "laser_alignment,"
-    assert max(map(len, lines)) > 70
-    assert len(lines) < 6
-
-
-def test_a_sentence_is_wrapped_under_its_beginning(capsys: Capture) -> None:
-    show_paragraph("  note: " + "word " * 40)
-    first, *rest = capsys.readouterr().out.splitlines()
-    assert first.startswith("  note: word")
-    assert all(line.startswith("    word") and len(line) <= 80 for line in rest)
-
-
 def test_what_a_terminal_would_obey_is_shown_instead() -> None:
     assert printable("a\x1b[2Jb\nc\u202e") == "a\\x1b[2Jb\\nc\\u202e"
     assert printable("günstig → ☃") == "günstig → ☃"
@@ -50,10 +33,3 @@ def test_a_time_of_today_is_a_clock_and_others_have_their_day() -> None:
     assert at(noon, now_ns=noon + 10**9) == "12:00:00"
     assert at(noon, now_ns=noon + 10**14) == "2025-11-25 12:00"
     assert at(None) == ""
-
-
-def test_of_many_diagnoses_three_are_named() -> None:
-    found = [["lidar"], ["gps", "imu"], ["cam"], ["hub"], ["base"]]
-    assert diagnoses(found) == "lidar or gps with imu or cam or 2 more"
-    assert diagnoses(found[:3]) == "lidar or gps with imu or cam"
-    assert some(["a", "b", "c", "d"]) == "a, b, c, 1 more"

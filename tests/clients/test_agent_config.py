@@ -83,15 +83,6 @@ def test_a_unit_s_state_folder_is_the_default_as_the_file_s_own_may_be_read_only
     assert loaded(tmp_path, f"{short}state_dir: mine\n").state_dir == tmp_path / "mine"
 
 
-@pytest.mark.parametrize(
-    ("line", "part"), [("", 0.2), ("starved: 0.5", 0.5), ("starved: false", None), ("starved: no", None)]
-)
-def test_from_which_part_of_the_time_on_it_is_starved_is_given_or_never(
-    tmp_path: Path, line: str, part: float | None
-) -> None:
-    assert loaded(tmp_path, f"robot: r\nservice: {{url: 'http://h'}}\n{line}\n").starved == part
-
-
 def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
     assert "s3cret" not in repr(loaded(tmp_path, WHOLE))
 
@@ -148,12 +139,6 @@ def test_each_mistake_is_named_with_its_place(tmp_path: Path, old: str, new: str
     assert str(raised.value).startswith(str(tmp_path / "agent.yaml"))
 
 
-@pytest.mark.parametrize("text", ["", "[]", "robot", "a: &a [*a]", "\0", "a: {b: {c: " * 2000])
-def test_what_is_no_configuration_is_refused_whole(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError):
-        loaded(tmp_path, text)
-
-
 def test_a_file_that_is_no_text_is_named_with_the_line(tmp_path: Path) -> None:
     (tmp_path / "agent.yaml").write_bytes(b"robot: r\nhost: \xe9\n")
     with pytest.raises(ConfigError, match=r"agent.yaml:2: not YAML: the file is not UTF-8 text"):
@@ -164,11 +149,6 @@ def test_the_example_is_read() -> None:
     config = load(ROOT / "examples" / "agent.yaml")
     assert config.topics
     assert config.processes
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(tmp_path / "none.yaml")]) == 2
-    assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -217,11 +217,6 @@ def test_what_is_no_units_name_is_refused(unit: str) -> None:
         Units("start_node", {"a": unit})
 
 
-def test_a_name_that_is_no_verb_needs_one() -> None:
-    with pytest.raises(ValueError, match=r"^verb must be one of start, stop, restart, reload, not 'mend'"):
-        Units("mend", {"a": "a.service"})
-
-
 # --- USB --------------------------------------------------------------------------------------------------
 
 
@@ -350,13 +345,6 @@ def test_whatever_is_not_on_a_list_is_refused(
     assert (refused.code, complaint in refused.message) == (REFUSED, True)
 
 
-def test_two_executors_of_one_name_share_their_parameters() -> None:
-    first, second = Units("start_node", {"a": "a.service"}), Units("start_node", {"b": "b.service"})
-    executors = Executors("onboard", [first, second])
-    assert executors.find(Action("r:1", "start_node", ("b",), 1.0)) is second
-    assert executors.can == ["start_node:a", "start_node:b"]
-
-
 @pytest.mark.parametrize(
     ("action", "complaint"),
     [
@@ -375,15 +363,6 @@ def test_two_executors_of_one_name_share_their_parameters() -> None:
 def test_each_mistake_is_named_with_its_place(tmp_path: Path, action: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=rf"agent.yaml:2: actions\.({complaint})"):
         specs(tmp_path, f"actions:\n  x: {action}\n")
-
-
-def test_a_key_that_is_there_is_not_taken_for_another_that_is_missing(tmp_path: Path) -> None:
-    horn = "class Horn:\n    def __init__(self, name: str, tones: list[str], times: int = 1) -> None: ...\n"
-    (tmp_path / "horn.py").write_text(horn)
-    with pytest.raises(ConfigError, match=r"agent.yaml:2: actions\.x\.tones: is missing"):
-        specs(tmp_path, "actions:\n  x: {kind: 'horn.py:Horn', times: 3}\n")
-    with pytest.raises(ConfigError, match=r"x\.kind: horn.py:Horn has no name, parameters, gives_up"):
-        specs(tmp_path, "actions:\n  x: {kind: 'horn.py:Horn', tones: [a]}\n")
 
 
 # --- your own ---------------------------------------------------------------------------------------------
@@ -410,17 +389,3 @@ def test_the_kind_of_action_of_the_manual_does_what_it_says(
     by_file = (tmp_path / "agent.yaml").read_text().replace("kind: horn", 'kind: "my_robot.py:Horn"')
     (spec,) = specs(tmp_path, by_file)
     assert do(spec.make(), "high") == ActionResult(OK, "warn(high) was sounded 3 times")
-
-
-def test_who_acts_says_how_long_its_answer_may_take(tmp_path: Path) -> None:
-    text = """
-actions:
-  calibrate: {kind: process, command: [calibrate]}
-  dock: {kind: process, command: [dock], timeout_s: 90}
-  configure_node: {kind: lifecycle, nodes: {camera_node: /camera}}
-  reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
-"""
-    executors = Executors("onboard", [spec.make() for spec in specs(tmp_path, text)])
-    assert executors.takes_s == {"calibrate": 30.0, "dock": 90.0, "configure_node": 30.0}
-    with pytest.raises(ConfigError, match="timeout_s must be above 0"):
-        specs(tmp_path, text.replace("timeout_s: 90", "timeout_s: 0"))

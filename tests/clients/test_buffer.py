@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -33,40 +32,11 @@ def filled(directory: Path, count: int, **options: Any) -> DiskBuffer:
     return buffer
 
 
-def test_records_come_back_in_order(tmp_path: Path) -> None:
-    assert drain(filled(tmp_path, 100)) == list(range(100))
-
-
-def test_what_was_not_taken_is_there_after_a_restart(tmp_path: Path) -> None:
-    buffer = filled(tmp_path, 10)
-    for _ in range(4):
-        buffer.take()
-    buffer.close()
-    assert drain(DiskBuffer(tmp_path)) == [4, 5, 6, 7, 8, 9]
-
-
-def test_the_oldest_are_dropped_and_counted_when_it_is_full(tmp_path: Path) -> None:
-    buffer = filled(tmp_path, 1000, max_bytes=2048)
-    left = drain(buffer)
-    assert sum(len(encode({"n": number})) for number in left) <= 2048
-    assert left == list(range(1000 - len(left), 1000))
-    assert buffer.dropped == 1000 - len(left)
-    buffer.close()
-    assert DiskBuffer(tmp_path).dropped == 1000 - len(left)
-
-
 def test_the_files_stay_within_the_bound_and_one_segment(tmp_path: Path) -> None:
     buffer = filled(tmp_path, 5000, max_bytes=8192)
     size = sum(file.stat().st_size for file in tmp_path.glob("*.log"))
     assert size <= 8192 * (1 + 2 / 8)
     assert len(buffer) > 0
-
-
-def test_a_record_that_never_fits_is_dropped_alone(tmp_path: Path) -> None:
-    buffer = filled(tmp_path, 3, max_bytes=1024)
-    buffer.append({"n": "x" * 2000})
-    assert buffer.dropped == 1
-    assert drain(buffer) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("cut", range(1, 12))
@@ -99,20 +69,6 @@ def test_a_lost_head_sends_again_rather_than_nothing(tmp_path: Path) -> None:
 def test_two_processes_cannot_share_it(tmp_path: Path) -> None:
     with pytest.raises(BufferInUse, match="in use by another process"):
         assert [filled(tmp_path, 1), DiskBuffer(tmp_path)]
-
-
-def test_it_can_be_opened_again_once_it_was_closed(tmp_path: Path) -> None:
-    filled(tmp_path, 1).close()
-    assert len(DiskBuffer(tmp_path)) == 1
-
-
-def test_sync_happens_at_the_chosen_pace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    now, synced = [0.0], []
-    monkeypatch.setattr(os, "fsync", lambda number: synced.append(now[0]))
-    buffer = DiskBuffer(tmp_path, sync_s=1.0, clock=lambda: now[0])
-    for now[0] in (0.0, 0.5, 0.9, 1.1, 1.2, 2.0, 2.3):
-        buffer.append({"n": 0})
-    assert synced == [1.1, 2.3]
 
 
 @settings(max_examples=60, deadline=None)

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
-import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robomend_client.agent import broker as broker_module
 from robomend_client.agent.broker import MOST_CLIENTS, Broker, Tap
@@ -113,32 +108,6 @@ def test_rubbish_is_told_once_for_each_client(
     assert told.startswith(f"the bus, a client at {place}: disconnected: ")
 
 
-@given(
-    st.lists(st.tuples(st.sampled_from("abc"), st.integers() | st.text()), max_size=20), st.integers(1, 50)
-)
-def test_lines_arrive_whole_however_they_are_split(messages: list[tuple[str, Any]], size: int) -> None:
-    heard: Heard = []
-    peer = broker_module._Peer(Broker("unix:x", lambda message: heard.append((message.topic, message.data))))
-    data = b"".join(json.dumps({"topic": topic, "data": value}).encode() + b"\n" for topic, value in messages)
-    for start in range(0, len(data), size):
-        peer.data_received(data[start : start + size])
-    assert heard == messages
-
-
-def test_a_connection_that_is_made_while_the_bus_closes_is_ended() -> None:
-    async def test(broker: Broker, heard: Heard) -> None:
-        late = broker_module._Peer(broker)
-        closing = asyncio.create_task(broker.close())
-        await asyncio.sleep(0)
-        client, accepted = socket.socketpair()
-        transport, _ = await asyncio.get_running_loop().connect_accepted_socket(lambda: late, accepted)
-        await until(transport.is_closing)
-        client.close()
-        await closing
-
-    with_broker("tcp:127.0.0.1:0", test)
-
-
 def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() -> None:
     async def test(broker: Broker, heard: Heard) -> None:
         sleeper, talker = await connect(broker), await connect(broker)
@@ -201,13 +170,6 @@ def test_a_message_that_is_too_long_is_the_senders_error(tmp_path: Path) -> None
         bus.close()
 
     with_broker("tcp:127.0.0.1:0", test)
-
-
-def test_a_broker_that_is_not_there_is_gone() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-    with pytest.raises(BusGone, match=str(port)):
-        Bus(f"tcp:127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,6 @@ def test_each_observer_gets_what_it_wants_of_a_message() -> None:
     assert [source for source, _ in missing] == ["odom:pose.x"]
 
 
-def test_fields_that_were_taken_out_need_no_message() -> None:
-    got: list[object] = []
-    samples = Samples(frozenset({"odom:pose.x"}), lambda *sample: got.append(sample), lambda *what: None)
-    samples.message("odom", None, 7, {"pose.x": 1.5})
-    assert got == [("odom:pose.x", 1.5, 7)]
-
-
 # --- what the agent knows itself --------------------------------------------------------------------------
 
 
@@ -92,14 +85,6 @@ def test_waiting_for_a_processor_is_the_part_of_the_time_in_which_somebody_did(t
     assert usage.measure({}) == {"host:Wait": 0.0}
 
 
-@pytest.mark.parametrize(
-    "source", ["processes:CPU", "host:CPU(n)", "host:Disk", "processes:CPU(other)", "processes:Wait(n)"]
-)
-def test_what_cannot_be_measured_is_refused(source: str) -> None:
-    with pytest.raises(ValueError, match=r"is no source|no process other"):
-        Usage([source], ["n"])
-
-
 # --- feeds ------------------------------------------------------------------------------------------------
 
 
@@ -137,13 +122,6 @@ def test_an_unknown_origin_is_refused_with_its_line(tmp_path: Path) -> None:
         match=r"agent.yaml:4: observers.scan.from: no origin of samples is named .*: choose one of bus, ros1",
     ):
         load(written(tmp_path, "  scan: {kind: general, from: tin_can}"))
-
-
-def test_one_source_from_two_origins_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(FEEDS.built_in, "tin_can", "tests.clients.tin_can:TinCan")
-    observers = "  a: {kind: general, topic: scan}\n  b: {kind: general, topic: scan, from: tin_can}"
-    with pytest.raises(ConfigError, match=r"observers.b.from: scan comes from bus for another observer"):
-        load(written(tmp_path, observers, "tin_can: {string_m: 5}"))
 
 
 def test_a_feed_reads_its_own_section_and_hears_what_is_wanted(

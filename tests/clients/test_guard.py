@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.clients.running_agent import DEAF, SLEEPER, alive, marked
+from tests.clients.running_agent import DEAF, SLEEPER, marked
 from tests.clients.service_double import eventually
 
 from robomend_client.agent import guard
-from robomend_client.agent.spawn import NotStarted, spawn
 
 KILLED_AGENT = """
 import os, pathlib, signal, sys, time
@@ -53,18 +52,6 @@ def test_what_an_agent_started_ends_with_it_although_it_was_killed_before_it_sai
         eventually(lambda: not marked(mark), "the end of the deaf process")
 
 
-def test_the_number_of_what_could_not_be_started_is_forgotten(tmp_path: Path) -> None:
-    read, write = os.pipe()
-    with pytest.raises(NotStarted, match="no-such-program"):
-        spawn((str(tmp_path / "no-such-program"),), None, os.environ, True, guard=write)
-    os.close(write)
-    with os.fdopen(read) as told:
-        begun, gone = told.read().splitlines()
-    assert begun.startswith("?")
-    assert int(begun[1:]) > 0
-    assert gone == "?"
-
-
 @pytest.mark.parametrize(
     ("lines", "ends"),
     [("?{0}\n", True), ("?{0}\n?\n", False), ("?{0}\n+{0}\n?\n", True), ("+{0}\n-{0}\n", False)],
@@ -80,20 +67,3 @@ def test_the_guard_ends_what_was_begun_or_started_and_is_not_gone(lines: str, en
     finally:
         other.kill()
         other.wait()
-
-
-def test_a_process_starts_although_the_guard_is_gone() -> None:
-    with guarding() as (process, pipe):
-        process.kill()
-        process.wait()
-        handle = spawn(("sleep", "1000"), None, os.environ, True, guard=pipe)
-        os.close(pipe)
-        try:
-            assert alive(handle.pid)
-            assert not int(
-                Path(f"/proc/{handle.pid}/status").read_text().split("SigIgn:")[1].split()[0], 16
-            ) & (1 << (signal.SIGPIPE - 1))
-        finally:
-            handle.signal_group(signal.SIGKILL)
-            handle.reap()
-            handle.close()

@@ -24,7 +24,7 @@ from tests.clients.talker import watching
 from robomend.api.routers.moments import MomentBody
 from robomend_client.agent.config import MomentsConfig
 from robomend_client.agent.main import main
-from robomend_client.agent.moments import Moments, clean, last_lines
+from robomend_client.agent.moments import Moments
 from robomend_client.agent.ring import Ring, TopicDescription, write
 from robomend_client.clock import Clock
 from robomend_client.literals import fails
@@ -296,25 +296,6 @@ def test_recording_without_what_it_needs_is_refused(
     assert "moments.memory_mb" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("given", "safe"),
-    [
-        ("a\x00b\x1b[31m", "a\\x00b\\x1b[31m"),
-        ("\ud800\u202e", "\\xd800\\x202e"),
-        ("<b>ü</b>\n\t", "<b>ü</b>\n\t"),
-        ("x" * 11, "x" * 9 + "…"),
-        ("\x00" * 9, "\\x00\\x00\\…"),
-    ],
-)
-def test_texts_are_made_safe(given: str, safe: str) -> None:
-    assert clean(given, 10 if safe.endswith("…") else 20) == safe
-
-
-def test_of_a_long_output_the_last_lines_are_there() -> None:
-    text = "first\n" + "x" * 1_000_000 + "\n" + "\n".join(f"line {n}" for n in range(9))
-    assert last_lines(text, 3) == ["line 6", "line 7", "line 8"]
-
-
 # --- the ring ---------------------------------------------------------------------------------------------
 
 PLAIN = TopicDescription(
@@ -324,46 +305,6 @@ PLAIN = TopicDescription(
 
 def ring(memory: int, before_s: float = 30.0) -> Ring:
     return Ring(before_s, memory, record=True)
-
-
-def test_the_largest_topic_gives_its_oldest_and_a_rate_stays_what_it_was() -> None:
-    kept = ring(1_000_000)
-    heard = kept.tap(lambda about: PLAIN)
-    for tick in range(300):
-        heard("/scan", tick * SECOND // 10, b"s" * 100, None)
-        heard("/image", tick * SECOND // 10, b"i" * 100_000, None)
-    assert kept.size <= 1_000_000
-    scan, image = kept.topics["/scan"], kept.topics["/image"]
-    assert len(scan.whole) == 300
-    assert 2 <= len(image.whole) <= 9
-    assert len(image.whole) + len(image.stamps) == 300
-    assert image.whole[-1].time_ns == 299 * SECOND // 10
-
-
-def test_while_a_moment_is_open_what_was_there_is_not_pushed_out() -> None:
-    kept = ring(1_000_000)
-    heard = kept.tap(lambda about: PLAIN)
-    for tick in range(100):
-        heard("/image", tick * SECOND // 10, b"i" * 100_000, None)
-    kept.hold(10 * SECOND)
-    for tick in range(100, 200):
-        heard("/image", tick * SECOND // 10, b"i" * 100_000, None)
-    assert kept.size <= 1_000_000
-    times = [one.time_ns for one in kept.topics["/image"].whole]
-    assert min(times) < 10 * SECOND
-    assert len(kept.topics["/image"].stamps) + len(times) == 200
-
-
-def test_what_is_older_goes_and_so_does_all_when_the_clock_goes_back() -> None:
-    kept = ring(1_000_000, before_s=1.0)
-    heard = kept.tap(lambda about: PLAIN)
-    for tick in range(100):
-        heard("/scan", tick * SECOND // 10, b"s", None)
-    assert len(kept.topics["/scan"].whole) <= 11
-    heard("/scan", 2 * SECOND, b"s", None)
-    assert len(kept.topics["/scan"].whole) == 1
-    heard("/scan", 1 << 62, b"s", None)  # ahead
-    assert len(kept.topics["/scan"].whole) == 1
 
 
 def test_a_recording_is_read_by_the_library(tmp_path: Path) -> None:

@@ -138,14 +138,3 @@ def test_the_newest_are_kept_when_the_buffer_is_full(
     dropped = outbox(steps).dropped
     assert dropped > 0
     assert said(service) == [f"ok(t{number})" for number in range(dropped, 100)]
-
-
-def test_the_past_survives_the_process(service: ServiceDouble, tmp_path: Path) -> None:
-    service.down()
-    with Client(service.url, retry=NEVER) as client:
-        box = Outbox(client, "r", DiskBuffer(tmp_path))
-        box.observe(["ok(a)"], time_ns=7)
-        box.buffer.close()
-        service.up()
-        assert Outbox(client, "r", DiskBuffer(tmp_path)).flush()
-    assert service.batches() == [{"observations": ["ok(a)"], "time": 7, "together": False}]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robomend_client.observers.kinds import read_observers
-from robomend_client.paths import BadPath, NotThere, at, steps
+from robomend_client.paths import NotThere, at
 from robomend_client.yaml_reader import ConfigError, read
 
 MESSAGE = {
@@ -61,14 +61,6 @@ def test_a_path_leads_into_mappings_and_lists(path: str, value: object) -> None:
 def test_what_is_not_there_is_named_with_the_step_that_failed(path: str, why: str) -> None:
     with pytest.raises(NotThere, match=why):
         at(MESSAGE, path)
-
-
-@pytest.mark.parametrize(
-    "path", ["", "a..b", "a.", "[", "a[", "a[]", "a[x]", "a[=3]", "a]b", "a[1]b", "a[x=]"]
-)
-def test_a_path_that_is_none_says_what_to_write(path: str) -> None:
-    with pytest.raises(BadPath, match="write"):
-        steps(path)
 
 
 def test_a_bad_path_is_a_mistake_in_the_file_with_its_place(tmp_path: Path) -> None:

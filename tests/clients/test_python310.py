@@ -7,8 +7,7 @@ import asyncio
 import pytest
 from tests.waiting import for_ever
 
-from robomend_client import python310
-from robomend_client.python310 import StrEnum, end, timeout
+from robomend_client.python310 import StrEnum, timeout
 
 
 class Colour(StrEnum):
@@ -51,27 +50,3 @@ def test_a_cancellation_from_outside_is_no_time_out() -> None:
         return task.cancelled()
 
     assert asyncio.run(cancelled())
-
-
-def test_tasks_end_although_a_cancellation_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(python310, "AGAIN_S", 0.01)
-
-    async def run() -> tuple[int, bool]:
-        heard = 0
-
-        async def deaf() -> None:
-            nonlocal heard
-            while True:
-                try:
-                    await for_ever()
-                except asyncio.CancelledError:
-                    heard += 1
-                    if heard == 3:
-                        raise
-
-        tasks = [asyncio.create_task(deaf()), asyncio.create_task(for_ever())]
-        await asyncio.sleep(0)
-        await end(tasks)
-        return heard, all(task.cancelled() for task in tasks)
-
-    assert asyncio.run(run()) == (3, True)

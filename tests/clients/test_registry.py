@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from tests.distributions import install
 
-from robomend_client.near import did_you_mean
 from robomend_client.registry import Registry
 
 CODE = """\
@@ -30,20 +28,6 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Registry[Callable[
     monkeypatch.syspath_prepend(str(explodes))
     ours = {"ours": "fractions:Fraction", "lost": "robomend_client.nowhere:Part"}
     return Registry("part", GROUP, ours, unknown=KeyError, broken=OSError)
-
-
-def test_ours_come_first_and_cannot_be_taken_over(parts: Registry[Callable[[], object]]) -> None:
-    assert parts.names() == ("ours", "lost", "explodes", "gone", "inner", "mine")
-    assert parts.load("ours").__name__ == "Fraction"
-
-
-def test_only_what_is_asked_for_is_imported(parts: Registry[Callable[[], object]]) -> None:
-    sys.modules.pop("good_parts", None)
-    parts.check("mine")
-    assert "good_parts" not in sys.modules
-    assert type(parts.load("mine")()).__name__ == "Mine"
-    assert type(parts.load("inner")()).__qualname__ == "Mine.Inner"
-    assert "bad_parts" not in sys.modules
 
 
 def test_an_unknown_name_is_refused_with_all_there_are_and_the_nearest(
@@ -75,10 +59,3 @@ def test_of_two_with_one_name_the_first_on_the_path_counts(
             str(install(tmp_path / folder, f"{folder}_parts", code, {GROUP: {"same": "PART"}}))
         )
     assert Registry[str]("part", GROUP, {}).load("same") == "early"
-
-
-def test_the_nearest_name_is_told_where_one_is_near() -> None:
-    assert did_you_mean("scam", ["odom", "scan"]) == "; did you mean 'scan'?"
-    assert did_you_mean("scam", ["odom", "scan"], shown=str.upper) == "; did you mean SCAN?"
-    assert did_you_mean("scam", ["odom", "joy"]) == ""
-    assert did_you_mean("s" * 1_000_000, ["s" * 190]) != ""

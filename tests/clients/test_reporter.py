@@ -100,20 +100,6 @@ def test_a_change_is_said_at_once_with_its_time_and_evidence(tmp_path: Path) -> 
     assert (change["time"], change["since"], change["onset"]) == (60, [55], [54])
 
 
-def test_a_heartbeat_says_all_of_it_with_the_present_evidence(tmp_path: Path) -> None:
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        seen.say(good(SCAN, 50, 10), bad(ODOM, 50, 20, 19))
-        await until(lambda: len(got) >= 2)
-        seen.standing[SCAN] = Verdict(Literal(SCAN), 70)
-        await until(lambda: got[-1].get("since") == [70, 20])
-
-    last = reporting(tmp_path, test)[-1]
-    assert last["observations"] == ["ok(scan)", "not ok(odom)"]
-    assert last["onset"] == [None, 19]
-    assert "unknown" not in last
-    assert "settled" not in last
-
-
 def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> None:
     async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
         seen.say(good(SCAN, 50), good(ODOM, 50))
@@ -124,16 +110,6 @@ def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> No
     got = reporting(tmp_path, test)
     assert [(batch["observations"], batch["time"]) for batch in got if "unknown" in batch] == [([], 60)]
     assert [batch["unknown"] for batch in got if "unknown" in batch] == [["ok(scan)"]]
-
-
-def test_what_was_judged_anew_goes_out_with_the_number_that_asked_for_it(tmp_path: Path) -> None:
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        seen.say(good(SCAN, 50)._replace(settled=7), good(ODOM, 50))
-        await until(lambda: len(got) >= 2)
-
-    settled, other = reporting(tmp_path, test)[:2]
-    assert (settled["observations"], settled["settled"]) == (["ok(scan)"], 7)
-    assert (other["observations"], "settled" in other) == (["ok(odom)"], False)
 
 
 def test_what_was_judged_anew_and_is_bad_is_said_again_before_the_next_heartbeat(tmp_path: Path) -> None:
@@ -153,20 +129,6 @@ def test_what_was_judged_anew_and_is_bad_is_said_again_before_the_next_heartbeat
     assert all((one["observations"], one["since"]) == (["not ok(scan)"], [70]) for one in again)
     assert not any("settled" in one for one in again)
     assert got[-1]["observations"] == ["ok(scan)", "not ok(odom)"]  # of its own, and not followed any more
-
-
-@pytest.mark.parametrize("turns", range(6))
-def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path, turns: int) -> None:
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        await asyncio.sleep(0.05)  # it waits for a change
-        seen.say(good(SCAN, 50))
-        for _ in range(turns):
-            await asyncio.sleep(0)
-        task.cancel()
-        await asyncio.wait({task}, timeout=60)
-        assert task.cancelled()
-
-    reporting(tmp_path, test)
 
 
 HOUR_NS = 3600 * 10**9

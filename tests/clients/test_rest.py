@@ -9,17 +9,15 @@ import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
-import httpx
 import pytest
 from tests.clients.service_double import ServiceDouble, service_double
 
 from robomend_client.actions import Action, ActionResult
 from robomend_client.events import Event
 from robomend_client.literals import fails
-from robomend_client.rest import NEVER, AsyncClient, Client, Retry, calls, errors
+from robomend_client.rest import NEVER, AsyncClient, Client, Retry, errors
 
 FAST = Retry(times=3, first_s=0.001, longest_s=0.01)
 
@@ -99,18 +97,6 @@ def test_action_ids_survive_their_way_through_paths(service: ServiceDouble, call
         ("/api/v1/actions/repair-7:2/feedback", {"code": 1, "message": "on its way"}),
         ("/api/v1/actions/repair-7:2/result", {"code": 0, "message": "on"}),
     ]
-
-
-def test_no_action_in_time_is_none(call: Callable[..., Any]) -> None:
-    assert call("next_action", "tedusar", "onboard", wait_s=0.05) is None
-
-
-def test_an_answer_that_is_no_action_is_not_taken_for_one(
-    service: ServiceDouble, call: Callable[..., Any]
-) -> None:
-    answering(service, (200, {"id": "a:1"}))
-    with pytest.raises(errors.NotTheService, match="no action"):
-        call("next_action", "tedusar", "onboard", wait_s=0.05)
 
 
 def test_a_version_comes_back_with_the_resource_and_goes_out_with_its_change(
@@ -294,19 +280,6 @@ def test_retry_after_is_waited_for_unless_it_is_too_long(
         call("start_repair", "r")
 
 
-def test_waits_grow_to_their_limit_and_never_overflow() -> None:
-    policy = Retry(first_s=0.1, longest_s=5)
-    waits = [policy.wait_s(failures, 1.0) for failures in (1, 2, 3, 10, 100_000)]
-    assert waits == pytest.approx([0.1, 0.2, 0.4, 5, 5])
-    assert policy.wait_s(3, 0.0) == pytest.approx(0.2)
-
-
-def test_each_call_says_whether_it_may_be_repeated() -> None:
-    assert calls.observe("r", ["ok(a)"]).repeatable
-    assert calls.result("r:1", ActionResult(0)).repeatable
-    assert not calls.post("repairs", "x", json={"decision": "approve"}).repeatable
-
-
 # --- event streams ----------------------------------------------------------------------------------------
 
 
@@ -379,39 +352,9 @@ def test_a_stream_that_was_cut_goes_on_after_its_last_event(follow: Callable[...
     streams.close()
 
 
-def test_unknown_kinds_are_skipped_and_a_gap_is_told(follow: Callable[..., list[Event]]) -> None:
-    gaps: list[Any] = []
-    gap = 'event: gap\ndata: {"oldest": 9}\n\n'
-    streams = Streams(HEAD + gap + frame(9, "teleportation") + frame(10))
-    assert [event.id for event in follow(streams.url, 1, after=1, on_gap=gaps.append)] == [10]
-    assert gaps == [{"oldest": 9}]
-    streams.close()
-
-
 def test_a_stream_that_may_not_be_read_says_so(
     service: ServiceDouble, follow: Callable[..., list[Event]]
 ) -> None:
     answering(service, (403, {"code": "refused", "detail": "role viewer of another robot"}))
     with pytest.raises(errors.Forbidden, match="another robot"):
         follow(service.url, 1)
-
-
-def test_patience_ends(follow: Callable[..., list[Event]]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-    with pytest.raises(errors.Unreachable):
-        follow(f"http://127.0.0.1:{port}", 1, patience_s=0.2)
-
-
-def test_a_page_of_another_program_is_no_stream(follow: Callable[..., list[Event]]) -> None:
-    page = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n\r\n<html>"
-    streams = Streams(page)
-    with pytest.raises(errors.NotTheService, match="text/html"):
-        follow(streams.url, 1)
-    streams.close()
-
-
-def test_a_custom_transport_can_stand_in() -> None:
-    transport = httpx.MockTransport(lambda request: httpx.Response(200, json={"revision": 1, "changed": []}))
-    with Client("http://robot", transport=transport) as client:
-        assert client.send(replace(calls.observe("r", []), repeatable=False))["revision"] == 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from itertools import combinations
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -107,21 +106,4 @@ def test_all_minimal_conflicts_are_told_where_they_are_asked_for(
     if some.conflicts_all:
         assert {frozenset(one.components) for one in some.conflicts} == everything
     assert {d.bad for d in some.diagnoses} == {d.bad for d in result.diagnoses}
-    engine.close()
-
-
-def test_when_there_is_no_time_for_conflicts_they_are_said_to_be_missing() -> None:
-    seen = circuit("c880").observe(3, 5)
-    engine: Any = make_engine("sat", circuit("c880").cnf)
-    told = engine._answer
-
-    def too_late(*arguments: Any) -> Any:
-        engine.interrupt()
-        return told(*arguments)
-
-    engine._answer = too_late
-    result = engine.diagnose(seen, Options("cardinality", limit=None))
-    assert result.complete
-    assert result.diagnoses
-    assert not result.conflicts_complete
     engine.close()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,7 +14,7 @@ from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, ObservationReader, Supposed
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_client.literals import Literal, fails
+from robomend_client.literals import Literal
 
 N, ATOMS = 4, 5  # components 1-4, atoms 5-9
 OK = {f"a{i}": N + i for i in range(1, ATOMS + 1)}
@@ -27,33 +25,6 @@ def masks(cnf: HealthCnf, *seen: Literal, supposed: Supposed = NOTHING_SUPPOSED)
     observed = ObservationReader(cnf).read(seen)
     found = Derivations(cnf).conflicts(observed, supposed, lambda: None)
     return [{bit + 1 for bit in bits(one.mask)} for one in found]
-
-
-def minimal(sets: list[set[int]]) -> set[frozenset[int]]:
-    return {frozenset(one) for one in sets if not any(other < one for other in sets)}
-
-
-CHAIN = model(N, [(-1, 5), (-2, -5, 6), (-3, -6, 7)], atoms=ATOMS)
-
-
-def test_atoms_that_derive_only_one_another_are_not_derived() -> None:
-    circle = model(N, [(-1, -6, 5), (-2, -5, 6)], atoms=ATOMS)
-    assert masks(circle, fails("ok", "a1")) == []
-    fed = model(N, [(-1, -6, 5), (-2, -5, 6), (-3, 6)], atoms=ATOMS)
-    assert masks(fed, fails("ok", "a1")) == [{1, 3}]
-
-
-def test_those_supposed_healthy_are_no_suspects_and_those_abnormal_derive_nothing() -> None:
-    seen = fails("ok", "a3")
-    assert masks(CHAIN, seen, supposed=Supposed(healthy=frozenset({2}))) == [{1, 3}]
-    assert masks(CHAIN, seen, supposed=Supposed(abnormal=frozenset({2}))) == []
-
-
-def test_only_horn_rules_with_health_as_a_premise_suit() -> None:
-    assert Derivations.suit(CHAIN)
-    assert not Derivations.suit(model(N, [(-1, 5, 6)], atoms=ATOMS))
-    assert not Derivations.suit(model(N, [(1, 5)], atoms=ATOMS))
-    assert not Derivations.suit(replace(CHAIN, circuit=True))
 
 
 @st.composite

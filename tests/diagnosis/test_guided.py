@@ -7,7 +7,7 @@ from itertools import combinations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, made_minimal
+from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oracle import Deadline
 
@@ -56,15 +56,3 @@ def test_cheapest_first_finds_each_once_in_order_of_cost(family: list[int], weig
     assert set(found) == minimal_hitting_sets(family)
     costs = [sum(weights[bit] for bit in bits(mask)) for mask in found]
     assert costs == sorted(costs)
-
-
-def test_without_conflicts_nothing_need_be_chosen() -> None:
-    for sets in (AnyHittingSets(Deadline()), CheapestHittingSets([1, 1], Deadline())):
-        assert sets.next() == 0
-        sets.block(0)
-        assert sets.next() is None
-        sets.close()
-
-
-def test_what_the_conflicts_do_not_need_is_left_out() -> None:
-    assert made_minimal(0b111, [0b011, 0b110]) == 0b010

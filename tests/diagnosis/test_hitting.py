@@ -32,25 +32,3 @@ def test_each_minimal_hitting_set_is_found_once_at_its_size(family: list[int]) -
     listed = [mask for masks in found.values() for mask in masks]
     assert sorted(listed) == sorted(minimal_hitting_sets(family))
     assert all(mask.bit_count() == size for size, masks in found.items() for mask in masks)
-
-
-@given(families)
-def test_whether_there_are_more_is_said_after_each_size(family: list[int]) -> None:
-    search = HittingSets(revealing(family))
-    all_of_them = minimal_hitting_sets(family)
-    for size in range(COMPONENTS + 1):
-        list(search.of_size(size))
-        larger = any(mask.bit_count() > size for mask in all_of_them)
-        assert search.any_more() == larger
-        if search.exhausted:
-            assert not larger
-            return
-
-
-@given(families)
-def test_no_size_below_the_bound_is_left_out_wrongly(family: list[int]) -> None:
-    search = HittingSets(revealing(family))
-    for size in range(COMPONENTS + 1):
-        list(search.of_size(size))
-        larger = [mask.bit_count() for mask in minimal_hitting_sets(family) if mask.bit_count() > size]
-        assert size < search.next_size <= min(larger, default=search.next_size)

@@ -25,7 +25,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 from robomend_bench.odd_models import random_triples
-from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.literals import Atom, Literal, holds
 
 ROOT = Path(__file__).parents[2]
 TEDUSAR = load_model(resource("examples", "tedusar.yaml")).cnf
@@ -145,38 +145,6 @@ def test_robots_are_answered_as_by_an_engine(cnf: HealthCnf, data: st.DataObject
     library = Library(cnf, cnf.atoms, asked)
     assert library.whole is not bool(cnf.modes)
     agree(library, data.draw(rows_of(cnf.atoms)), asked)
-
-
-def test_priors_give_probabilities() -> None:
-    likely = {"hokuyo_node": 0.04, "hokuyo": 0.01}
-    library = Library(
-        replace(TEDUSAR, priors=dict.fromkeys(TEDUSAR.components, 0.02) | likely), TEDUSAR.atoms, PLAIN
-    )
-    found = result(library, fails("ok", "scan"))
-    assert [diagnosis.probability for diagnosis in found.diagnoses] == pytest.approx(
-        [0.01 / 0.05, 0.04 / 0.05], rel=0.1
-    )
-
-
-@pytest.mark.parametrize("name", ["scan", "a topic that no rule mentions"])
-def test_a_sensor_that_shows_both_is_a_contradiction(name: str) -> None:
-    both = holds("ok", name), fails("ok", name)
-    library = Library(TEDUSAR, [both[0].atom, Atom("ok", ("odom",))], PLAIN)
-    answer = library.diagnose(library.code([*both, fails("ok", "odom")]))[0]
-    assert isinstance(answer, ContradictoryModel)
-    assert answer.literals == tuple(map(str, both))
-
-
-def test_more_sensors_than_a_word_has_room_for() -> None:
-    count = 70
-    robot = "robomend: 1\nnodes:\n" + "".join(f"  n{i}: {{publishes: [t{i}]}}\n" for i in range(count))
-    cnf = load_text(robot).cnf
-    sensors = tuple(Atom("ok", (f"t{i}",)) for i in range(count))
-    library = Library(cnf, sensors, PLAIN)
-    assert library.code([]).shape == (1, 3)
-    rows = [[fails("ok", f"t{i}"), fails("ok", "t3")] for i in (0, 31, 32, 69)]
-    agree(library, rows, PLAIN)
-    assert library.literals(library.code(rows[3])[0].tolist()) == [fails("ok", "t3"), fails("ok", "t69")]
 
 
 def test_a_bound_on_time_is_an_answer_and_spoils_no_other() -> None:

@@ -51,22 +51,6 @@ def test_of_what_is_blamed_that_works_in_part_of_which_an_output_is_good() -> No
     assert works("running(agg)", "probe", "agg") == set()
 
 
-def test_without_observed_outputs_nothing_is_weighed() -> None:
-    assert fit(PLAIN, "running(agg)", "agg") == fit(PLAIN, SEEN) == 1.0
-
-
-def test_silence_that_comes_from_an_input_says_nothing_of_the_node() -> None:
-    assert fit(PLAIN, "not ok(a), not ok(x), not ok(y)", "agg") == 1.0
-    assert fit(PLAIN, "not ok(a), ok(x), not ok(y)", "agg") == pytest.approx(0.2 / 2)  # x works all the same
-
-
-def test_what_somebody_healthy_publishes_as_well_says_nothing() -> None:
-    two = load_text("robomend: 1\nnodes: {a: {publishes: [t]}, b: {publishes: [t, u]}}")
-    assert fit(two, "ok(t)", "b") == 1.0
-    assert fit(two, "ok(t), not ok(u)", "b") == pytest.approx(0.8 + 0.2 / 2)
-    assert fit(two, "ok(t)", "a", "b") == pytest.approx((0.2 / 2) ** 2)
-
-
 def test_a_supply_is_weighed_by_all_that_it_feeds() -> None:
     fed = load_text(
         "robomend: 1\nhardware: {rail: {channel: 1}, cam: {channel: 2, fed_by: rail}, lamp: {fed_by: rail}}\n"

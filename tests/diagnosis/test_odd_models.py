@@ -122,15 +122,3 @@ def test_where_there_are_too_many_the_smallest_are_told_in_bounded_steps(
     options = Options(minimal="cardinality", limit=1, timeout_s=None, conflicts=False)
     assert len(engine.diagnose(seen, options).diagnoses[0].bad) == sizes[0]
     engine.close()
-
-
-@pytest.mark.parametrize(("name", "size"), [("random-circuit", 300), ("parity-tree", 64), ("inverters", 300)])
-def test_subset_minimal_diagnoses_begin_with_the_minimum(name: str, size: int) -> None:
-    cnf, seen = MODELS[name][0](size)
-    engine = make_engine("sat", cnf)
-    subset = engine.diagnose(seen, Options(limit=5, conflicts=False, timeout_s=None))
-    least = engine.diagnose(seen, Options("cardinality", limit=None, conflicts=False, timeout_s=None))
-    minima = {diagnosis.bad for diagnosis in least.diagnoses}
-    assert subset.diagnoses
-    assert {d.bad for d in subset.diagnoses[: len(minima)]} <= minima
-    engine.close()

@@ -52,22 +52,6 @@ def test_the_two_parts_of_a_sensor_are_told_apart_by_what_needs_only_one() -> No
     assert found.complete
 
 
-def test_the_cost_of_looking_decides_between_equals() -> None:
-    prober = Prober(LASER)
-    found = prober.probes(SILENT, BOTH, costs={POWER: 30.0})
-    assert [probe.atom for probe in found.probes] == [PULSE, POWER]
-    with pytest.raises(OptionRefused, match="costs 0"):
-        prober.probes(SILENT, BOTH, costs={POWER: 0.0})
-    prober.close()
-
-
-def test_only_what_can_be_observed_is_proposed() -> None:
-    prober = Prober(LASER)
-    assert [p.atom for p in prober.probes(SILENT, BOTH, points={PULSE}).probes] == [PULSE]
-    assert "observed already" in (prober.probes(SILENT, BOTH, points={SCAN}).reason or "")
-    prober.close()
-
-
 def test_when_no_probe_can_discriminate_it_says_so() -> None:
     twins = model(2, [(-1, -2, 3)], atoms=2)  # a2 depends on nothing
     found = next_probes(twins, {fails("ok", "a1")}, answer(twins, ("c1",), ("c2",)))

@@ -8,7 +8,7 @@ from itertools import product
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.diagnosis.library import MOST_COMPONENTS, Products
+from robomend.diagnosis.library import Products
 from robomend.diagnosis.masks import bits, mask_of
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.parts import IndependentPart
@@ -50,16 +50,3 @@ def test_they_are_all_unions_of_one_alternative_of_each_part_in_the_order_of_siz
     every = [sum(one) for one in product(*(part.listed() for part in known.values()))]
     expected = sorted((tuple(bits(mask)) for mask in every), key=by_size)
     assert found == [tuple(names[component] for component in bad) for bad in expected]
-
-
-def test_what_is_too_many_or_not_searched_to_its_end_is_not_multiplied() -> None:
-    names = [f"c{number}" for number in range(8)]
-    known = searched([0b1111], [0b110000])
-    assert len(Products(names, 8).of([[0b1111], [0b110000]], known) or ()) == 8
-    assert Products(names, 7).of([[0b1111], [0b110000]], known) is None
-    assert Products(names, 8).of([[0b1111], [0b11000000]], known) is None
-    begun: dict[tuple[int, ...], IndependentPart] = {
-        (0b11, 0b110): IndependentPart.of((0b11, 0b110), Deadline())
-    }
-    assert Products(names, 8).of([[0b11, 0b110]], begun) is None
-    assert Products([*names, *map(str, range(MOST_COMPONENTS))], 8).of([[0b1111]], known) is None

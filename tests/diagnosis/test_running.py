@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import threading
-from typing import Any
 
 import pytest
 from tests.diagnosis.netlists import circuit
@@ -15,7 +14,7 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_client.literals import Literal, fails, holds
+from robomend_client.literals import Literal
 
 ALL = Options(limit=None, timeout_s=None)
 
@@ -89,28 +88,4 @@ def test_reuse_gives_the_same_as_a_fresh_engine(name: str, monkeypatch: pytest.M
                 engine.diagnose(observations, ALL)
             continue
         assert {d.bad for d in engine.diagnose(observations, ALL).diagnoses} == expected
-    engine.close()
-
-
-@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
-def test_a_contradiction_that_cannot_be_explained_in_time_is_one_all_the_same(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    engine: Any = make_engine(name, model(1, [(2,), (-1, 3)], atoms=2))
-    seen = [holds("ok", "a2"), fails("ok", "a1")]
-    with pytest.raises(ContradictoryModel) as explained:
-        engine.diagnose(seen)
-    assert explained.value.literals == ("not ok(a1)",)
-    explain = engine._explain_contradiction
-
-    def too_late(*question: object) -> object:
-        engine.interrupt()  # as when the time runs out right after the search
-        return explain(*question)
-
-    monkeypatch.setattr(engine, "_explain_contradiction", too_late)
-    with pytest.raises(ContradictoryModel) as unexplained:
-        engine.diagnose(seen)
-    assert unexplained.value.literals == ("ok(a2)", "not ok(a1)")
-    supposing = engine.diagnose(seen, Options(abnormal=frozenset({"c1"})))
-    assert (supposing.diagnoses, supposing.complete, supposing.stopped_by) == ((), False, "time")
     engine.close()

@@ -147,15 +147,6 @@ def test_told_conflicts_are_minimal_however_large_those_of_the_search_are(
                 assert solver.solve([*(other for other in healthy if other != needed), *rests_on])
 
 
-def test_assumed_health_is_honoured() -> None:
-    dark = frozenset({holds("ok", "a3"), fails("ok", "a1")})
-    assert blamed(TWO_LAMPS, [dark], Options(healthy=frozenset({"c1"}))) == [("c2",)]
-    assert blamed(TWO_LAMPS, [dark], Options(abnormal=frozenset({"c3"}))) == [("c1", "c3"), ("c2", "c3")]
-    assert blamed(TWO_LAMPS, [dark], Options(healthy=frozenset({"c1", "c2"}))) == []
-    result = diagnose_snapshots(TWO_LAMPS, [dark], Options(healthy=frozenset({"c1"})))
-    assert "c1 is assumed healthy" in result.conflicts[0].text
-
-
 def test_a_snapshot_that_contradicts_the_model_is_an_error() -> None:
     broken = model(1, [(2,), (-1, 3)], atoms=2)
     with pytest.raises(ContradictoryModel, match="a1"):
@@ -166,12 +157,6 @@ def test_what_snapshots_cannot_have_is_refused() -> None:
     for options in (Options(order="probability"), Options(factored=True, minimal="cardinality")):
         with pytest.raises(OptionRefused):
             diagnose_snapshots(TWO_LAMPS, [], options)
-
-
-def test_a_timeout_of_zero_stops_at_once_and_says_so() -> None:
-    result = diagnose_snapshots(TWO_LAMPS, [[fails("ok", "a1")]], Options(timeout_s=0))
-    assert not result.complete
-    assert result.stopped_by == "time"
 
 
 @pytest.mark.parametrize("circuit", ["c17", "c432", "c499", "c880"])

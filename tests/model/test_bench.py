@@ -12,7 +12,6 @@ from pysat.solvers import Solver
 
 from robomend.errors import ModelError
 from robomend.model.bench import circuit
-from robomend.model.loading import load_text
 from robomend_client.literals import Atom
 
 C17 = """\
@@ -82,12 +81,6 @@ def test_a_healthy_gate_computes_its_function_and_an_abnormal_one_anything(
                 assert solver.solve(assumptions=[-1, *observed])
 
 
-def test_a_net_is_the_same_with_a_slash_before_it_and_a_slash_alone_is_a_name() -> None:
-    cnf = circuit("INPUT( /a )\nINPUT(/)\nOUTPUT(z)\nz = AND(a, /)").cnf
-    assert cnf.inputs == (Atom("v", ("a",)), Atom("v", ("/",)))
-    assert {atom.args[0] for atom in cnf.atoms} == {"a", "/", "z"}
-
-
 def test_flip_flops_are_cut() -> None:
     cnf = circuit("INPUT(a)\nOUTPUT(z)\nq = DFF(z)\nz = XOR(a, q)\n").cnf
     assert cnf.components == ("z",)
@@ -133,9 +126,3 @@ def test_garbage_raises_model_errors_only(text: str) -> None:
             circuit(whole)
         except ModelError as error:
             str(error)
-
-
-def test_the_ports_of_itc_99_are_ports() -> None:
-    itc = C17.replace("INPUT(", "PINPUT(").replace("OUTPUT(", "POUTPUT(")
-    assert circuit(itc).cnf.clauses == circuit(C17).cnf.clauses
-    assert load_text(itc).vocabulary.sorts["outputs"] == ("22", "23")

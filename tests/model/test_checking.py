@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from robomend.model.checking import SHOWN, check
+from robomend.model.checking import check
 from robomend.model.loading import load_text
 
 ROBOT = """\
@@ -76,25 +74,3 @@ def test_priors_of_some_components_only_are_doubtful() -> None:
     ]
     assert list(check(load_text(some.replace("drives:", "prior: 0.2, drives:")))) == []
     assert list(check(load_text(ROBOT.removesuffix("rules:\n")))) == []
-
-
-@pytest.mark.parametrize("many", [SHOWN, SHOWN + 1])
-def test_long_lists_are_cut_and_say_how_many_more_there_are(many: int) -> None:
-    names = [f"n{number:02}" for number in range(many)]
-    hardware = "".join(f"  {name}: {{}}\n" for name in names)
-    driver = f"nodes: {{driver: {{drives: [{', '.join(names)}], publishes: {{t: []}}}}}}\n"
-    more = many - SHOWN
-    hint = "; with `blame_hardware: true` its driver's clauses can"
-    assert list(check(load_text(f"robomend: 1\nhardware:\n{hardware}{driver}"))) == [
-        *(f"no rule can blame {name}{hint}" for name in names[:SHOWN]),
-        *([f"and {more} more component that no rule can blame"] if more else []),
-    ]
-    waiting = "".join(f"  {name}: {{publishes: {{{name}: [sky]}}}}\n" for name in names)
-    (excused,) = check(load_text(f"robomend: 1\nnodes:\n{waiting}topics: [sky]\n"))
-    listed = ", ".join(names[:SHOWN]) + (f" and {more} more" if more else "")
-    assert excused.startswith(f"topics {listed}: waits for sky, which no node publishes")
-    props = ", ".join(f"ok({name})" for name in names)
-    five = f'ab: AB\nnab: NAB\nneg_prefix: not_\nprops: ["ok(t)", {props}]\nrules: ["NAB(a) -> ok(t)"]\n'
-    (unused,) = check(load_text(five))
-    listed = ", ".join(f"ok({name})" for name in names[:SHOWN]) + (f" and {more} more" if more else "")
-    assert unused == f"no rule mentions {listed}: observing it says nothing"

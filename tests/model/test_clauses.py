@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pysat.solvers import Solver
 
 from robomend.diagnosis.engines import make_engine
-from robomend.errors import ModelError, UnknownComponent
+from robomend.errors import ModelError
 from robomend.model.clauses import Assertion, compile_rules, describe, extend, without_running
 from robomend.model.cnf import HealthCnf, Rule
 from robomend.model.formulas import And, Formula, Iff, Implies, Leaf, Not, Or, Truth, ab
@@ -122,12 +122,6 @@ def test_deep_equivalences_stay_small() -> None:
     assert len(cnf.clauses) < 1000
 
 
-def test_a_false_rule_is_no_empty_clause() -> None:
-    cnf = compile_rules("r", ("x",), [(Truth(False), Rule("false", ""))])
-    assert all(cnf.clauses)
-    assert models(cnf) == set()
-
-
 # --- rules of the user's
 # -------------------------------------------------------------------------------------------
 
@@ -188,15 +182,6 @@ def test_rules_of_any_shape(rule: str, clauses: list[set[str]], weak: bool) -> N
     assert cnf.weak == weak
 
 
-def test_rules_declare_what_they_speak_of() -> None:
-    system = load_text(f"{ROBOT}\nrules: ['ready(arm) -> ok(gps)']")
-    assert system.vocabulary.declares(holds("ready", "arm").atom)
-    assert not system.vocabulary.declares(holds("ready", "talker").atom)
-    assert system.warnings == (
-        "rule 1 speaks of ok(gps), which is no topic or property: taken as declared by it",
-    )
-
-
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
@@ -214,11 +199,6 @@ def test_wrong_rules_are_refused_with_their_line(rule: str, message: str) -> Non
     with pytest.raises(ModelError, match=message) as caught:
         with_rule(rule)
     assert caught.value.line == 8
-
-
-def test_ab_of_what_is_no_component_is_its_own_error() -> None:
-    with pytest.raises(UnknownComponent):
-        compile_rules("r", ("x",), [(Leaf(ab("z")), Rule("", ""))])
 
 
 # --- fault modes
@@ -259,12 +239,6 @@ def test_an_abnormal_component_is_in_exactly_one_mode() -> None:
     assert not cnf.weak
     assert modes_of(cnf, "ab(arm)") == only("stuck", "blind", "unknown")
     assert modes_of(cnf, "not ab(arm)") == {frozenset()}
-
-
-def test_a_mode_implies_its_sentences() -> None:
-    cnf = load_text(MODES).cnf
-    assert modes_of(cnf, "ab(arm)", "ok(joints)") == only("stuck", "unknown")
-    assert modes_of(cnf, "ab(arm)", "not const(joint)", "not on(arm)") == only("unknown")
 
 
 def test_exhaustive_modes_leave_no_other_way_to_fail() -> None:

@@ -12,9 +12,8 @@ from robomend.model.cnf import HealthCnf, Rule
 from robomend.model.five_key import FiveKey, five_key_of, read_five_key, system_of, write_five_key
 from robomend.model.formulas import Leaf, Or
 from robomend.model.loading import load_model, load_text
-from robomend.observations.language import parse
 from robomend.resources import resource
-from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.literals import Atom, Literal
 from robomend_client.yaml_tree import read_tree
 
 RELEASED = """\
@@ -54,19 +53,6 @@ def test_warns_of_propositions_that_are_used_and_not_listed() -> None:
     assert len(warnings) == 2
     assert "ok(map)" in warnings[0]
     assert "on(jaguar)" in warnings[1]
-
-
-def test_observations_may_use_the_files_own_prefix() -> None:
-    vocabulary = load_text(RELEASED.replace("not_", "no-")).vocabulary
-    assert parse("no-ok(map)", vocabulary) == (fails("ok", "map"),)
-    assert parse("~ok(map)", vocabulary) == (fails("ok", "map"),)
-    assert parse("con(yaw)", vocabulary) == (holds("const", "yaw"),)
-
-
-def test_a_name_in_quotes_is_meant_as_it_stands() -> None:
-    rules = """['NAB(c)->"/p"', 'NAB(c)->/q("a b")']"""
-    found = load_text(f"ab: AB\nnab: NAB\nneg_prefix: not_\nprops: []\nrules: {rules}")
-    assert found.cnf.atoms == (Atom("/p"), Atom("q", ("a b",)))
 
 
 @pytest.mark.parametrize(

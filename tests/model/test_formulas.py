@@ -14,10 +14,6 @@ from robomend_client.literals import holds
 P, Q, R = holds("p"), holds("q"), holds("r")
 
 
-def test_a_conjunction_of_literals_at_any_depth_is_its_literals() -> None:
-    assert conjuncts(And((Leaf(P), And((Not(Leaf(Q)), Not(Not(Leaf(R)))))))) == (P, -Q, R)
-
-
 def test_anything_richer_is_no_conjunction() -> None:
     either = Or((Leaf(P), Leaf(Q)))
     for formula in (
@@ -35,13 +31,6 @@ def test_a_sentence_is_nested_so_deep_and_no_deeper() -> None:
     for deep in ("not " * 10 * MAX_DEPTH + "p", "(" * 10 * MAX_DEPTH + "p" + ")" * 10 * MAX_DEPTH):
         with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
             parse(deep)
-
-
-def test_what_stands_side_by_side_is_no_nesting() -> None:
-    beside = " and ".join(["not not p"] * MAX_DEPTH)
-    assert conjuncts(parse(beside)) == (P,) * MAX_DEPTH
-    with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
-        parse(f"{beside} and {'not ' * (MAX_DEPTH + 1)}p")
 
 
 @pytest.mark.parametrize(

@@ -103,8 +103,3 @@ def test_the_check_names_a_sentence_that_a_repair_itself_takes_away() -> None:
     assert said("ok(parkd)") == [
         "act_when speaks of ok(parkd), which is no topic or property: taken as declared by it"
     ]
-
-
-def test_the_check_counts_a_property_that_only_the_interlock_speaks_of_as_used() -> None:
-    assert not [doubt for doubt in check(loaded("ok(parked)")) if "property parked" in doubt]
-    assert [doubt for doubt in check(loaded("ok(moving)")) if "property parked" in doubt]

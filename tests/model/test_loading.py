@@ -35,12 +35,3 @@ def test_what_is_no_model_is_told_what_models_begin_with() -> None:
         load_text("nodes: {n: {}}\nrules: []\n")
     with pytest.raises(ModelError, match="no model format is named `yaml`; there are component, five-key"):
         load_text("robomend: 1\n", format="yaml")
-
-
-def test_a_circuit_is_one_though_its_comments_have_colons_and_its_names_are_quoted_nowhere() -> None:
-    assert load_text("# robomend: 1\ninput (a)\nOutput(z)\nz=buff(a)\n").format == "bench"
-
-
-def test_a_robots_configuration_is_told_from_a_model() -> None:
-    with pytest.raises(ModelError, match=r"r.yaml:1: this is a robot's configuration, not a model"):
-        load_text("model: tedusar\npolicy: auto\n", file="r.yaml")

@@ -51,28 +51,6 @@ def test_a_hung_node_in_a_circle_that_was_up_is_a_diagnosis() -> None:
     assert bad_of(up(LOOP), SILENT) == {("est",), ("ctl",)}
 
 
-def test_a_circle_whose_input_is_silent_blames_nobody_in_it() -> None:
-    silent = (fails("ok", "rate"), *SILENT[1:])
-    assert bad_of(up(LOOP), silent) == {("gyro",), ("gyro_d",)}
-
-
-def test_what_is_repaired_in_a_circle_is_awaited() -> None:
-    """Prediction and diagnosis share the clause."""
-    good = LOOP.cnf.components
-    assert holds("ok", "state") not in theory_of(LOOP.cnf).derived(good)
-    expected = theory_of(up(LOOP).cnf).derived(good)
-    assert {holds("ok", name) for name in ("rate", "state", "cmd", "img")} <= expected
-
-
-def test_a_circle_was_up_when_all_that_is_known_of_it_was_seen_ok() -> None:
-    (loop,) = LOOP.loops
-    state, cmd = loop.atoms
-    assert not loop.was_up([], {state, cmd})
-    assert not loop.was_up([state, cmd], {state})
-    assert loop.was_up([state], {state})
-    assert loop.was_up([state, cmd], {state, cmd})
-
-
 @st.composite
 def circular(draw: st.DrawFn) -> tuple[ComponentModel, tuple[Literal, ...]]:
     """Up to five nodes that read anything, an input from outside, and what is seen of some topics."""

@@ -21,19 +21,6 @@ def test_a_contender_may_be_as_much_dearer_as_it_promises_and_no_more() -> None:
     assert text.startswith("g/q1: 23 by near, 1.15× the cheapest known (20)")
 
 
-def test_whoever_promises_the_cheapest_is_held_to_it_by_anybody() -> None:
-    (text,) = too_dear([replace(EXACT, cost=21.0), replace(NEAR, cost=20.0)])
-    assert "21 by exact, 1.05×" in text
-
-
-def test_the_dearest_of_all_repeats_counts() -> None:
-    assert len(too_dear([EXACT, NEAR, replace(NEAR, repeat=1, cost=30.0)])) == 1
-
-
-def test_what_was_not_solved_or_has_no_cost_is_not_compared() -> None:
-    assert too_dear([EXACT, replace(NEAR, cost=None), replace(NEAR, status="timeout", cost=90.0)]) == ()
-
-
 def test_the_report_says_on_how_many_questions_costs_are_equal() -> None:
     other = [replace(EXACT, question="q2"), replace(NEAR, question="q2", cost=21.0)]
     unsolved = replace(EXACT, question="q3")

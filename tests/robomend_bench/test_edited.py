@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
-from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_typestore
 
 from robomend_bench.batch import drives
 from robomend_bench.batch.command import command
@@ -19,10 +16,7 @@ from robomend_bench.batch.edited import (
     Message,
     Watched,
     edited,
-    first_told,
-    numbered,
     read,
-    write,
 )
 
 BEGIN_NS = drives.BEGIN_S * 10**9
@@ -59,13 +53,6 @@ def test_each_edit_changes_its_topic_in_its_time_and_nothing_else(messages: list
         assert [one for one in found if one.time_ns not in kept] == others
 
 
-def test_a_copy_says_who_published_what_as_before(messages: list[Message], tmp_path: Path) -> None:
-    again = read(write(tmp_path / "copy.bag", messages))
-    assert [(one.time_ns, one.data) for one in again] == [(one.time_ns, one.data) for one in messages]
-    nodes = {one.connection.topic: one.connection.ext.callerid for one in again}
-    assert nodes["/gyro"] == "/imu_node"
-
-
 def test_what_is_told_of_edited_recordings_is_counted_and_so_is_what_cannot_be_read(tmp_path: Path) -> None:
     sources = (drives.Source("base_node", "odom", 8.0, 0.003, 0, 0.3, True, True, turn=True),)
     drives.write(tmp_path / "a.bag", drives.Robot("small", sources, "base_node", 45.0), 1, 240)
@@ -83,36 +70,3 @@ def told(
 ) -> dict[str, object]:
     at = {"start_ns": BEGIN_NS + begin_s * 10**9, "end_ns": BEGIN_NS + end_s * 10**9}
     return {**at, "log": log, "state": "faulty", "bad": [[bad]], "observations": [*observations]}
-
-
-def test_what_a_recording_shows_by_itself_finds_no_edit() -> None:
-    known = [told("laser", "not ok(scan)")]
-    assert first_told([told("laser", "not ok(scan)")], known, "laser", (4.0, 8.0)) is None
-    assert first_told([told("laser", "not ok(scan)", "not ok(x)")], known, "laser", (4.0, 8.0)) == 5.0
-    assert first_told([told("base", "not ok(odom)")], known, "laser", (4.0, 8.0)) is None
-    assert first_told([told("laser", "not ok(odom)")], known, "laser", (9.0, 12.0)) is None
-
-
-def test_what_a_recording_shows_by_itself_only_later_or_earlier_does_not_hide_an_edit() -> None:
-    edit = [told("laser", "not ok(scan)", begin_s=5)]
-    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=6)], "laser", (4.0, 8.0)) == 5.0
-    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=1, end_s=3)], "laser", (4.0, 8.0)) == 5.0
-    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=1, end_s=5)], "laser", (4.0, 8.0)) is None
-
-
-def test_a_clock_among_the_numbers_is_not_what_is_edited(tmp_path: Path) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    chance = np.random.default_rng(1)
-    with Writer(tmp_path / "a.bag") as writer:
-        pose = writer.add_connection("/pose", "geometry_msgs/msg/Point", typestore=store, callerid="/node")
-        for number in range(300):
-            point = store.types["geometry_msgs/msg/Point"](
-                x=0.1 * number, y=round(chance.normal(), 1), z=round(chance.normal()) // 3
-            )
-            data = store.serialize_ros1(point, "geometry_msgs/msg/Point")
-            writer.write(pose, BEGIN_NS + number * 10**8, data)
-    found = numbered(Watched("pose", "node"), read(tmp_path / "a.bag"))
-    assert found.number == "y"
-    assert 0 < found.still_s < 2
-    assert found.interval_s == pytest.approx(0.1)
-    assert found.edits == EDITS

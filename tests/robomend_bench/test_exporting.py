@@ -95,29 +95,6 @@ def test_what_is_told_is_what_other_solvers_find_in_the_files(
             )
 
 
-def test_several_observations_are_one_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = exported(monkeypatch, tmp_path, "multi-observation", "--only", "c17", "--instances", "2")
-    for file in told["files"]:
-        assert by_rc2((tmp_path / file["file"]).read_text()) == file["answer"]["minimum_cardinality"]
-
-
-CITED = {
-    "iscas85 --only c17": "7d01f9402623be4a",
-    "robots-v1 --only 20 --instances 3": "edbcda1a3600314f",
-    "plans --mode cost --only small-robots --instances 2": "bbbcd1fd38f30cdc",
-}
-"""Part of the checksum of version 1: questions that differ are another version."""
-
-
-@pytest.mark.parametrize("suite", CITED)
-def test_the_questions_of_a_version_stay_the_same(
-    suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = exported(monkeypatch, tmp_path / "new", *suite.split(), "--no-answers")
-    assert told["version"] == "1"
-    assert told["sha256"][:16] == CITED[suite]
-
-
 def test_repair_problems_are_pddl_with_the_least_cost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,7 +19,6 @@ from robomend_bench.tables import markdown
 
 PYTHON = shlex.quote(sys.executable)
 RC2 = f"rc2-command=wcnf:{PYTHON} -m pysat.examples.rc2 -vv {{file}}"
-RC2_BITS = f"rc2-bits=wcnf:{PYTHON} -m pysat.examples.rc2 -vv --vnew {{file}}"
 CLINGO = f"clingo-command=lp:{PYTHON} -m clingo {{file}}"
 
 
@@ -48,23 +47,9 @@ def asked(external: External, **more: float) -> Answer:
     return prepare_external(external, suite, group, wish)(group.questions[0])
 
 
-def test_a_solution_may_be_a_row_of_bits() -> None:
-    assert asked(read_external(RC2_BITS)).result == (1,)
-
-
-def test_what_is_no_diagnosis_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="is no diagnosis"):
-        asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 0\\nv 1 2 3 4 5 6')"))
-
-
 def test_a_cost_that_is_not_that_of_the_solution_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="says that the cost is 2, but its solution has 6"):
         asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 2\\nv 000000')"))
-
-
-def test_a_solution_that_is_not_shown_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="printed no solution"):
-        asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 1')"))
 
 
 def test_a_diagnosis_that_is_not_the_smallest_disagrees_with_the_others(tmp_path: Path) -> None:
@@ -159,38 +144,6 @@ def test_pyperplan_takes_part_by_its_own_command_line() -> None:
     assert run.disagreements == ()
     of = {(sample.contender, sample.question): sample.cost or 0.0 for sample in run.samples}
     assert all(of["pyperplan", question] >= of["asp", question] > 0 for _, question in of)
-
-
-def test_what_a_planner_cannot_read_is_told_in_its_words() -> None:
-    with pytest.raises(ValueError, match=r"left no plan.* exit code 1: .*Found unknown keyword in domain"):
-        planned(PYPERPLAN)
-
-
-PLAN = "(POWER_UP jaguar)\n(stop_node jaguar_node)\n(start_node jaguar_node)\n; cost = 14 (general cost)\n"
-
-
-@pytest.mark.parametrize("name", ["sas_plan", "problem.soln", "plan"])
-def test_a_plan_is_read_where_planners_leave_it(name: str, tmp_path: Path) -> None:
-    assert by_script(tmp_path, f"open({name!r}, 'w').write({PLAN!r})").shown == 3
-
-
-def test_of_plans_that_get_better_the_last_counts(tmp_path: Path) -> None:
-    plans = {"sas_plan.9": "(power_up jaguar)", "sas_plan.10": PLAN}
-    text = f"for name, plan in {plans!r}.items(): open(name, 'w').write(plan)"
-    assert by_script(tmp_path, text).shown == 3
-
-
-def test_a_plan_on_stdout_or_in_the_file_that_is_named_is_carried_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert by_script(tmp_path, f"print('found:')\nprint({PLAN!r})").shown == 3
-    ground = PLAN.replace(" jaguar", "__jaguar")
-    assert by_script(tmp_path, f"print({ground!r})", "strips").shown == 3
-    (tmp_path / "mine.py").write_text(f"import sys\nopen(sys.argv[3], 'w').write({PLAN!r})")
-    monkeypatch.chdir(tmp_path)  # a command may name files of where the bench was started
-    answer = planned(f"{PYTHON} mine.py {{domain}} {{problem}} {{plan}}", mode="cost")
-    assert answer.complete
-    assert answer.cost == 14
 
 
 def test_a_plan_that_fails_is_refused(tmp_path: Path) -> None:

@@ -71,15 +71,6 @@ def test_whoever_lists_no_more_of_any_size_is_not_ahead(
     assert "on 1 of 1 instance." in capsys.readouterr().out
 
 
-def test_more_than_all_there_is_makes_it_fail(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    every_pair = [f"{one} {other}" for one in range(1, 7) for other in range(one + 1, 7)]
-    assert run(monkeypatch, *ONE, *prints(*every_pair), "--format", "json") == 1
-    row = measured(capsys)
-    assert (row["behind"], row["theirs"]) == (True, {"2": 15})
-
-
 def test_a_solver_that_does_not_end_is_ended_and_what_it_printed_counts(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -65,22 +65,6 @@ def test_a_plan_of_another_planner_is_one_in_the_domain_as_written(
     assert len(plan) <= len(ours.steps)  # it is the shortest; ours is the cheapest
 
 
-def test_what_an_action_of_one_s_own_may_do_it_may_do_in_each_of_its_ways() -> None:
-    _, made, _ = problem_of(1, OWN)
-    ways = [word for word, (name, _) in made.actions.items() if name == "swap"]
-    assert ways == ["swap__device0", "swap__device0__2"]
-    assert "(not__good__device0)" in made.domain
-    assert re.search(r":effect \(and .*\(not \(not__good__device0\)\)", made.domain)
-
-
-def test_a_goal_that_nothing_can_bring_about_stays_one(tmp_path: Path) -> None:
-    robot = random_robot(1, 7, awkward=False)
-    domain = load_domain()
-    problem = repair_problem(robot, domain, [], ())
-    asked = RepairProblem(**{**vars(problem), "goal": (*problem.goal, ("switchable", "nothing"))})
-    assert by_pyperplan(strips(domain, asked, costs=False), tmp_path) is None
-
-
 def test_strips_is_exported_with_a_domain_for_each_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import random
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
 
 import pytest
 
-from robomend.diagnosis import sat
-from robomend.diagnosis.circuits.netlist import Netlist, recover
 from robomend.errors import InputError, OptionRefused
-from robomend.model.cnf import HealthCnf
-from robomend_bench.contenders import CHECKS, healthy_sets
 from robomend_bench.exporting import Exported
-from robomend_bench.generator import make_robot, observe
-from robomend_bench.results import Run, Status
+from robomend_bench.results import Run
 from robomend_bench.running import run_suite
 from robomend_bench.suite import DATA, Answer, Ask, Group, Question, Wish, find_suite, suite_names
-from robomend_bench.tables import markdown
 from robomend_bench.worker import Contestant
-from robomend_client.literals import holds
 
 TINY = {
     "iscas85": ("c17",),
@@ -59,84 +51,12 @@ def test_every_suite_runs_in_every_mode_and_all_agree(name: str, mode: str) -> N
     assert all(built.peak_mib > 0 for built in run.built)
 
 
-def test_the_check_is_timed_over_many_calls(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robomend_bench.worker.START_METHOD", "spawn")  # as users run it: see conftest.py
-    run = tiny("robots-v1", "check")
-    assert [sample.status for sample in run.samples] == ["ok", "ok"]
-    assert all(sample.result == (1,) for sample in run.samples)
-
-
-def test_no_two_checks_of_a_measurement_are_about_the_same_set() -> None:
-    robot = make_robot(20, 1)
-    sets = [frozenset(one) for one in healthy_sets(observe(robot, 2, random.Random(1)))]
-    assert len(set(sets)) == len(sets) == CHECKS
-    assert len(list(healthy_sets([holds("on", "camera")]))) == CHECKS
-
-
-def test_larger_diagnoses_that_were_not_wanted_are_no_time_out() -> None:
-    wish = Wish(mode="subset", only=("c432",), instances=1, timeout_s=20.0, max_size=1, faults=(2, 2))
-    run = run_suite(find_suite("iscas85"), wish, ("sat", "layered-full"), repeats=1)
-    assert [sample.status for sample in run.samples] == ["ok", "ok"]
-    assert run.disagreements == ()
-
-
 def test_questions_of_one_minimum_cardinality_can_be_asked_for() -> None:
     wish = Wish(mode="first", only=("c432",), instances=3, faults=(3, 4), sizes=(2, 2))
     run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
     assert {sample.result for sample in run.samples} == {(2,)}
     with pytest.raises(InputError, match="lower --size"):
         list(find_suite("iscas85").groups(Wish(mode="first", only=("c17",), faults=(1, 1), sizes=(4, 4))))
-
-
-def test_equally_many_questions_of_each_minimum_cardinality_are_asked() -> None:
-    wish = Wish(mode="first", only=("c432",), instances=4, sizes=(1, 2))
-    (group,) = find_suite("iscas85").groups(wish)
-    assert [question.name for question in group.questions] == ["01-0", "01-1", "02-0", "02-1"]
-    run = run_suite(find_suite("iscas85"), wish, ("sat", "rc2-exhaust"), repeats=1)
-    assert {(sample.question[:2], sample.result) for sample in run.samples} == {("01", (1,)), ("02", (2,))}
-
-
-def test_questions_of_any_minimum_cardinality_come_as_they_are_drawn() -> None:
-    wish = Wish(mode="first", only=("c432",), instances=4, faults=(1, 3), sizes="any")
-    (group,) = find_suite("iscas85").groups(wish)
-    assert [question.name for question in group.questions] == ["000-1f", "001-2f", "002-3f", "003-1f"]
-    (all_of_them,) = find_suite("iscas85").groups(replace(wish, mode="all", sizes=None))
-    assert group.questions == all_of_them.questions
-
-
-def test_of_a_cardinality_that_a_circuit_does_not_allow_there_is_no_question() -> None:
-    (group,) = find_suite("iscas85").groups(Wish(mode="first", only=("c17",)))
-    assert {question.name[:2] for question in group.questions} == {"01", "02"}
-
-
-def test_a_cold_start_reads_the_text_and_a_new_engine_only_the_model() -> None:
-    for mode, kind in (("cold", str), ("once", HealthCnf)):
-        wish = Wish(mode=mode, only=("c17",))
-        suite = find_suite("iscas85")
-        (group,) = suite.groups(wish)
-        assert isinstance(group.model, kind)
-        answers = [suite.prepare("sat", group, wish)(question) for question in group.questions]
-        assert [answer.result for answer in answers] == [(int(q.name[:2]),) for q in group.questions]
-        with pytest.raises(OptionRefused, match="ignores assumptions"):
-            suite.prepare("sat:kissat404", group, wish)(group.questions[0])
-
-
-def test_the_structure_is_found_for_those_who_measure_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    found: list[HealthCnf] = []
-
-    def counted(cnf: HealthCnf, check: Callable[[], None]) -> Netlist | None:
-        found.append(cnf)
-        return recover(cnf, check)
-
-    monkeypatch.setattr(sat, "recover", counted)
-    monkeypatch.setattr(sat, "AT_ONCE", 1e6)  # the first answer has seconds, on a busy computer, too
-    suite = find_suite("iscas85")
-    for mode, times in (("once", 0), ("structure", 1)):
-        wish = Wish(mode=mode, only=("c17",), instances=1)
-        (group,) = suite.groups(wish)
-        found.clear()
-        assert suite.prepare("sat", group, wish)(group.questions[0]).complete
-        assert len(found) == times
 
 
 def test_a_made_circuit_has_as_many_gates_as_it_says_and_questions_on_which_engines_agree() -> None:
@@ -226,16 +146,6 @@ def test_observation_sets_of_others_are_read_and_asked(tmp_path: Path) -> None:
             list(suite.groups(Wish(mode="few", data=tmp_path)))
 
 
-def test_an_output_that_is_an_input_says_nothing_of_gates(tmp_path: Path) -> None:
-    for folder in ("iscas85", "observations"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "iscas85" / "c17.bench").write_text("INPUT(a)\nOUTPUT(a)\nOUTPUT(b)\nb = NOT(a)\n")
-    (tmp_path / "observations" / "c17.obs").write_text("[c17,1,[i1,-o1,o2]].")
-    suite, wish = find_suite("observations"), Wish(mode="first", data=tmp_path)
-    (group,) = suite.groups(wish)
-    assert suite.prepare("sat", group, wish)(group.questions[0]).result == (1,)
-
-
 class Odd:
     """A suite whose contenders misbehave; found in the child by the name of this module."""
 
@@ -294,53 +204,5 @@ def test_a_contender_that_misbehaves_harms_nobody(
             got, _answer, _seconds, why = contestant.ask(0)
             assert got == status
             assert note in why
-    finally:
-        contestant.close()
-
-
-def test_who_runs_out_of_time_is_asked_the_same_question_twice_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-
-    class Slow:
-        """A contender that never has the first answer, and always the second."""
-
-        name, build_s, base_mib, peak_mib = "slow", 0.0, 0.0, 0.0
-
-        def __init__(self, *arguments: object) -> None:
-            pass
-
-        def ask(self, index: int) -> tuple[Status, None, float, str]:
-            asked.append(index)
-            return ("timeout" if index == 0 else "ok"), None, 1.0, ""
-
-        def close(self) -> None:
-            pass
-
-    monkeypatch.setattr("robomend_bench.running.Contestant", Slow)
-    run = run_suite(Odd(), Wish(mode="first"), ("slow",), repeats=3)
-    assert asked == [0, 1, 0, 1, 1, 1]  # warmed up by the first two
-    assert [sample.status for sample in run.samples] == ["timeout", "ok", "ok", "ok"]
-    table = markdown(run_suite(Odd(), Wish(mode="first"), ("slow", "other", "third"), repeats=1))
-    assert "| slow | 1/2 |" in table
-    monkeypatch.setattr(Slow, "ask", lambda self, index: ("timeout", None, 1.0, ""))
-    table = markdown(run_suite(Odd(), Wish(mode="first"), ("slow", "other", "third"), repeats=1))
-    assert "| slow | 0/2 |" in table
-    assert "fastest other" not in table  # nobody is
-
-
-@pytest.mark.parametrize(("run_up_s", "calls"), [(60.0, (3, 1)), (0.0, (2, 1))])
-def test_a_quick_first_question_is_answered_again_before_the_others(
-    run_up_s: float, calls: tuple[int, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("robomend_bench.worker.START_METHOD", "fork")
-    monkeypatch.setattr("robomend_bench.worker.find_suite", lambda name: Odd())
-    monkeypatch.setattr("robomend_bench.worker.RUN_UP_S", run_up_s)
-    (group,) = Odd().groups(Wish(mode="first"))
-    contestant = Contestant("odd", "counting", group, Wish(mode="first"))
-    try:
-        contestant.ask(0)
-        _status, answer, _seconds, _note = contestant.ask(1)
-        assert answer is not None
-        assert answer.result == calls
     finally:
         contestant.close()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 
-import pytest
 from click.shell_completion import ShellComplete
 from tests.api.test_process import command
 from tests.cli.remote.conftest import Shared
@@ -29,15 +28,6 @@ def test_robots_and_repairs_of_the_service_are_offered(shared: Shared, robot: st
     shared.client.cancel(repair)
     assert repair not in completed("approve", "r-")
     assert completed("stop", "") == ["set", "lift", "show"]
-
-
-def test_the_service_that_is_named_is_asked(
-    shared: Shared, robot: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shared.robot(robot)
-    monkeypatch.setenv("ROBOMEND_URL", "http://127.0.0.1:1")
-    assert completed("status", robot) == []
-    assert completed("status", "--url", shared.url, robot) == [robot]
 
 
 def test_a_shell_sees_no_error_where_nobody_answers() -> None:

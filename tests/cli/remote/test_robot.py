@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import io
-import json
 from pathlib import Path
 
 import pytest
 from tests.api.conftest import TEDUSAR
 from tests.cli.remote.conftest import Say, Shared, answer, narrow
 
-from robomend.cli.robot_file import read_robot, robot_text
-from robomend.errors import InputError
+from robomend.cli.robot_file import read_robot
 
 
 def test_a_robot_is_configured_and_its_configuration_comes_back_as_a_file(
@@ -90,28 +88,6 @@ def test_a_model_at_fault_is_refused_with_its_file_and_line(say: Say, robot: str
     code, _, err = say(*line)
     assert code == 2
     assert f"{tmp_path / 'm.yaml'}:4: node a has no key `publises`; did you mean `publishes`?" in err
-
-
-def test_scalars_of_a_file_mean_what_they_look_like(tmp_path: Path) -> None:
-    file = tmp_path / "robot.yaml"
-    file.write_text('a: on\nb: 22:00\nc: 012\nd: true\ne: ~\nf: 1e3\ng: "5"\nh: -.5\ni: [1, {j: no}]\n')
-    config = read_robot(file)
-    assert config == {
-        "a": "on",
-        "b": "22:00",
-        "c": 12,
-        "d": True,
-        "e": None,
-        "f": 1000.0,
-        "g": "5",
-        "h": -0.5,
-        "i": [1, {"j": "no"}],
-    }
-    file.write_text(robot_text(config))
-    assert read_robot(file) == config
-    assert all(":" in line and json.loads(line.partition(": ")[2]) != "" for line in file.open())
-    with pytest.raises(InputError, match="cannot be read"):
-        read_robot(tmp_path / "nothing.yaml")
 
 
 def test_robots_are_listed_and_deleted(

@@ -15,7 +15,7 @@ from tests.cli.remote.conftest import Say, Shared
 from tests.waiting import until
 from tests.web.cable import cable
 
-from robomend.cli.remote.watch import WORDS, Teller, told
+from robomend.cli.remote.watch import WORDS, told
 from robomend_client.events import Event, Kind
 
 END_S = 60.0
@@ -103,23 +103,6 @@ def action_line(**data: object) -> str | None:
 
 def test_every_kind_of_event_has_words() -> None:
     assert WORDS.keys() == set(Kind)
-
-
-def test_an_action_is_told_once_for_each_thing_that_is_new_of_it() -> None:
-    teller = Teller()
-
-    def line(state: str, **data: object) -> str:
-        step = {"id": "r-1:0", "repair": "r-1", "name": "start_node", "parameters": ["a"], "state": state}
-        said = teller.told(Event(1, 0, Kind.ACTION, "r1", {**step, **data}))
-        return "" if said is None else said.rpartition("Start a: ")[2]
-
-    assert [line("running"), line("running"), line("running", result=0), line("running", result=0)] == [
-        "running",
-        "",
-        "answered",
-        "",
-    ]
-    assert [line("done"), line("done")] == ["done", "done"]  # over, and forgotten
 
 
 def test_a_robot_that_nobody_observes_is_not_called_healthy() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.clients.observers.driving import SCAN, Told, values
+from tests.clients.observers.driving import Told, values
 
 from robomend_client.literals import fails, holds
 from robomend_client.observers import Driver, Verdict, ns
@@ -25,14 +25,6 @@ def test_bad_news_wins_and_who_does_not_know_has_no_vote(said: list[object], tog
     driver = Driver([Told("a"), Told("b")], 0)
     changes = [*driver.sample("a", 1, said[0]), *driver.sample("b", 2, said[1])]
     assert values(changes)[-1] == together
-
-
-def test_good_news_wins_where_that_was_asked_for() -> None:
-    driver = Driver([Told("a"), Told("b")], 0, lenient=[SCAN])
-    driver.sample("a", 1, 0)
-    assert values(driver.sample("b", 2, 1)) == ["ok(scan)"]
-    assert values(driver.sample("a", 3, 0)) == []
-    assert values(driver.sample("b", 4, 0)) == ["not ok(scan)"]
 
 
 def test_what_all_say_rests_on_all_and_bad_news_on_the_youngest() -> None:

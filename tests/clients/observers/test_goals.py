@@ -8,13 +8,11 @@ from typing import Any
 import pytest
 from tests.clients.observers.driving import values
 
-from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Driver, ns
 from robomend_client.observers.goals import GoalRules, GoalsObserver, suggested
 from robomend_client.readings import Symptom
 
 T0 = 1_700_000_000
-ATOM = Atom("ok", ("goals", "dock"))
 ROS1, ROS2 = "dock/status:status_list[-64:]", "dock/_action/status:status_list[-64:]"
 
 
@@ -57,15 +55,6 @@ def test_an_aborted_goal_is_a_fault_until_the_next_one_succeeds() -> None:
     assert str(reading(driver)) == "goal succeeded"
 
 
-def test_it_is_over_after_a_while_without_another() -> None:
-    driver, changes = fed([(1, [new(1, 6)])], GoalRules(hold_s=20))
-    changes += driver.advance(ns(T0 + 20.9))
-    assert values(changes) == ["not ok(goals,dock)"]
-    changes += driver.advance(ns(T0 + 21.1))
-    assert values(changes) == ["not ok(goals,dock)", "ok(goals,dock)"]
-    assert str(reading(driver)) == "no goal aborted for 20 s"
-
-
 def test_a_server_that_nobody_asks_is_well_once_it_was_looked_for_long_enough() -> None:
     driver, changes = fed([], GoalRules(hold_s=20))
     assert values([*changes, *driver.advance(ns(T0 + 19.9))]) == []
@@ -93,25 +82,10 @@ def test_actionlib_has_other_numbers_and_says_why() -> None:
     assert str(reading(driver)) == "2 goals rejected in a row: asleep"
 
 
-def test_a_result_by_itself_will_do() -> None:
-    source = "dock/result:status"
-    driver = Driver([GoalsObserver("ok(goals,dock)", source=source)], ns(T0))
-    assert values(driver.sample(source, ns(T0), old("a", 4), ns(T0))) == ["not ok(goals,dock)"]
-
-
 def test_what_was_over_before_anybody_looked_is_no_fault_now() -> None:
     before, just_now = new(1, 6, T0 - 3600), new(2, 6, T0 - 5)
     assert values(fed([(1, [before])])[1]) == []
     assert values(fed([(1, [before, just_now])])[1]) == ["not ok(goals,dock)"]
-
-
-def test_what_had_ended_before_a_reset_does_not_count_again_after_it() -> None:
-    driver, _ = fed([(1, [new(1, 2)]), (2, [new(1, 6)])], GoalRules(hold_s=5))
-    driver.settle(1, [ATOM])
-    now_ns = ns(T0 + 3)
-    assert values(driver.sample(ROS2, now_ns, [new(1, 6)], now_ns)) == []
-    settled = driver.advance(ns(T0 + 7.1))
-    assert [(str(one.value), one.settled) for one in settled] == [("ok(goals,dock)", 1)]
 
 
 def test_so_many_in_a_row_may_be_asked_for_and_one_that_succeeds_ends_the_row() -> None:

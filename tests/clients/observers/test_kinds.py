@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import sys
 from dataclasses import fields
@@ -16,19 +15,12 @@ from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers import (
     Answers,
     Band,
-    BinaryQualitativeObserver,
     BoardReadings,
-    DiagnosticObserver,
     Driver,
     Filter,
-    HardwareObserver,
     Levels,
     Match,
-    MultipleObserver,
-    NodeObserver,
     Observer,
-    PropertyObserver,
-    QualitativeObserver,
     Rate,
     Readings,
     Table,
@@ -36,7 +28,6 @@ from robomend_client.observers import (
     Wiring,
     ns,
 )
-from robomend_client.observers import base as recipe
 from robomend_client.observers.kinds import KINDS, ObserverSpec, read_lenient, read_observers
 from robomend_client.yaml_reader import ConfigError, read
 
@@ -236,19 +227,6 @@ def test_an_observer_of_another_distribution_is_found_by_its_name(
     sys.modules.pop(module, None)
 
 
-def test_the_recipe_for_one_of_ours_lists_four_places_at_most_that_all_kinds_have() -> None:
-    steps = [step.rstrip(":;.") for step in re.findall(r"^\d\. (\S+)", recipe.__doc__ or "", re.MULTILINE)]
-    assert len(steps) <= 4
-    for kind in KINDS.names():
-        file = Path(inspect.getfile(KINDS.load(kind)))
-        assert file.parent == ROOT / "clients" / "robomend_client" / "observers"
-        assert f'"{kind}":' in (ROOT / "clients/robomend_client/observers/kinds.py").read_text()
-        assert re.search(rf"^### {kind}\b", MANUAL, re.MULTILINE)
-    tests = ROOT / "tests" / "clients" / "observers"
-    assert steps[3].startswith("tests/clients/observers/")
-    assert {"test_general.py", "test_diagnostic.py"} <= {file.name for file in tests.iterdir()}
-
-
 # --- the manual -------------------------------------------------------------------------------------------
 
 KEYS = {
@@ -261,10 +239,6 @@ KEYS = {
     "hardware": (BoardReadings, Wiring),
     "property": (Band, Filter),
 }
-CLASSES = (
-    NodeObserver, DiagnosticObserver, MultipleObserver, QualitativeObserver, BinaryQualitativeObserver,
-    HardwareObserver, PropertyObserver,
-)  # fmt: skip
 
 
 def row_of(section: str, key: str) -> str:

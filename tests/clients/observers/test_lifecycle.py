@@ -65,10 +65,6 @@ def test_coming_up_takes_its_time_and_is_bad_when_it_takes_longer() -> None:
     assert camera.reading == "inactive, not active within 10 s"
 
 
-def test_an_error_is_bad_at_once() -> None:
-    assert values(Camera().moves(1, "configuring", "errorprocessing")) == [BAD]
-
-
 def test_a_node_that_is_gone_has_no_state_until_it_is_heard_again() -> None:
     camera = Camera()
     camera.up(1)

@@ -35,22 +35,6 @@ def test_no_answer_is_told_without_waiting_for_one() -> None:
     assert o.evidence(MAP, ns(2.6))[:2] == Evidence(ns(2), ns(1.2))[:2]
 
 
-def test_an_answer_that_nothing_was_asked_for_is_bad_if_it_was_said_to_be() -> None:
-    assert sign(fed(observer(), ("scan", 1), ("map", 1.1), ("map", 1.2)), 1.3) is True
-    assert sign(fed(observer(unasked="bad"), ("scan", 1), ("map", 1.1), ("map", 1.2)), 1.3) is False
-
-
-def test_when_nothing_is_asked_for_long_it_is_unknown() -> None:
-    o = fed(observer(lifetime_s=10), ("scan", 1), ("map", 1.1))
-    assert (sign(o, 11), sign(o, 11.1)) == (True, None)
-
-
-def test_after_a_reset_an_old_question_is_forgotten() -> None:
-    o = fed(observer(), ("scan", 1))
-    o.reset(ns(1.1))
-    assert sign(o, 5) is None
-
-
 def test_impossible_parameters_are_refused_by_name() -> None:
     with pytest.raises(ValueError, match=r"^out_topic"):
         MultipleObserver("a", "t", "t")

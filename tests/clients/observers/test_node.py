@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.observers import PROCESSES, Evidence, NodeObserver, Table, ns
 
@@ -40,13 +38,3 @@ def test_a_verdict_rests_on_the_newest_table_and_began_after_the_last_good_one()
         observer.feed(PROCESSES, ns(time_s), set(running))
     assert observer.evidence(A, ns(5))[:2] == Evidence(ns(4), ns(2))[:2]
     assert observer.evidence(B, ns(5))[:2] == Evidence(ns(4))[:2]
-
-
-def test_names_that_are_no_collection_are_refused() -> None:
-    with pytest.raises(TypeError, match="collection"):
-        NodeObserver(["a"]).feed(PROCESSES, 0, "a")
-
-
-def test_a_lifetime_shorter_than_the_tables_interval_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^lifetime_s"):
-        Table(rate_hz=1, lifetime_s=0.5)

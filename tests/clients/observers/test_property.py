@@ -38,34 +38,6 @@ def signs(o: PropertyObserver, *values: float) -> list[bool | None]:
     return said
 
 
-def test_a_number_in_its_band_is_ok() -> None:
-    assert signs(observer(Band(low=0.1, high=0.3)), 0.05, 0.1, 0.2, 0.3, 0.31) == [
-        False,
-        True,
-        True,
-        True,
-        False,
-    ]
-    assert observer(Band(high=1)).atoms == (CPU,)
-
-
-def test_with_hysteresis_it_is_good_again_only_well_inside() -> None:
-    o = observer(Band(high=0.9, hysteresis=0.1))
-    assert signs(o, 0.85, 0.95, 0.85, 0.8, 0.85) == [True, False, False, True, True]
-
-
-def test_a_spike_is_no_fault_and_one_good_reading_no_recovery() -> None:
-    o = observer(Band(high=1), agreeing=3)
-    assert signs(o, 0, 0, 0, 2, 0, 2, 2, 2, 0, 0, 0) == [
-        None, None, True, True, True, True, True, False, False, False, True,
-    ]  # fmt: skip
-
-
-def test_a_verdict_must_last_for_the_debounce() -> None:
-    o = observer(Band(high=1), debounce_s=2)
-    assert signs(o, 0, 0, 0, 2, 2, 0, 2, 2, 2) == [None, None, True, True, True, True, True, True, False]
-
-
 def test_what_is_no_number_is_no_reading() -> None:
     o = observer(Band(high=1))
     assert signs(o, 0.5) == [True]
@@ -77,26 +49,12 @@ def test_what_is_no_number_is_no_reading() -> None:
         o.feed("cpu", ns(9), "hot")
 
 
-def test_when_no_reading_comes_it_is_unknown() -> None:
-    o = observer(Band(high=1), lifetime_s=5)
-    signs(o, 0.5)
-    assert o.due_ns() == ns(5)
-    assert o.check(ns(4.9)) == (holds("ok", "CPU", "laser"),)
-    assert o.check(ns(5)) == ()
-
-
 def test_a_verdict_rests_on_the_readings_that_agree_and_began_after_the_last_good_one() -> None:
     o = observer(Band(high=1), agreeing=2)
     signs(o, 0, 0, 0, 2, 2, 2)
     assert o.check(ns(5)) == (fails("ok", "CPU", "laser"),)
     assert o.evidence(CPU, ns(5))[:2] == Evidence(ns(4), ns(2))[:2]
     assert observer(Band(high=1), debounce_s=2).detection_s == 3
-
-
-def test_a_verdict_that_is_in_doubt_rests_on_what_confirmed_it_last() -> None:
-    o = observer(Band(high=1), agreeing=2)
-    signs(o, 0, 0, 0, 2)
-    assert o.evidence(CPU, ns(3))[:2] == Evidence(ns(1))[:2]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend_client.literals import Atom
 from robomend_client.observers import (
     BinaryQualitativeObserver,
     Change,
@@ -45,11 +44,6 @@ def run(signal: Signal, until_s: float, hz: float = 20, **trend: float) -> Quali
 @pytest.mark.parametrize(("slope", "trend"), [(1.0, "inc"), (-1.0, "dec"), (0.04, "const"), (0.0, "const")])
 def test_a_trend_is_the_slope_against_b(slope: float, trend: str) -> None:
     assert word(run(lambda t: 5 + slope * t, 2), 2) == trend
-
-
-def test_the_published_parameters() -> None:
-    published = Trend(**Trend.PRESETS["published"])
-    assert (published.window_s, published.slope, published.hysteresis, published.check_s) == (1.0, 5e-7, 0, 0)
 
 
 def test_a_line_needs_half_a_window_and_three_samples() -> None:
@@ -130,22 +124,7 @@ def test_neither_when_nor_how_high_makes_a_difference(
         assert first.check(time_ns) == second.check(time_ns + by_ns)
 
 
-@given(samples)
-def test_duplicates_at_one_time_do_not_turn_a_trend(happened: list[tuple[int, float]]) -> None:
-    """Each sample twice weighs all alike."""
-    once, twice, time_ns = QualitativeObserver("v", "v"), QualitativeObserver("v", "v"), 0
-    for k, (gap_ms, _) in enumerate(happened):
-        time_ns += (gap_ms + 1) * 1_000_000
-        once.feed("v", time_ns, k)
-        twice.feed("v", time_ns, k)
-        twice.feed("v", time_ns, k)
-    assert word(once, time_ns / 1e9) in (None, "inc")
-    assert word(twice, time_ns / 1e9) in (None, "inc")
-
-
 # --- two of them ------------------------------------------------------------------------------------------
-
-MATCHED = Atom("matched", ("a", "b"))
 
 
 def match(
@@ -160,11 +139,6 @@ def match(
         changes += driver.sample("a", at_ns, first(k / hz))
         changes += driver.sample("b", at_ns, second(k / hz))
     return changes
-
-
-def test_equal_trends_match() -> None:
-    (change,) = match(math.sin, lambda t: 3 + 2 * math.sin(t), 20)
-    assert str(change.value) == "matched(a,b)"
 
 
 def test_a_mismatch_is_told_after_the_threshold_and_forgotten_in_twice_the_time_at_most() -> None:
@@ -206,13 +180,6 @@ def test_a_sign_can_be_compared_with_a_trend() -> None:
     (change,) = match(rate, heading, 40, compare="sign-trend", threshold=8)
     assert str(change.value) == "matched(a,b)"
     assert "not matched(a,b)" in [str(c.value) for c in match(rate, heading, 40, threshold=8)]
-
-
-def test_the_first_value_can_be_derived() -> None:
-    (change,) = match(lambda t: t * t, lambda t: 2 * t, 20, derive="first")
-    assert str(change.value) == "matched(a,b)"
-    (other,) = match(lambda t: 5 * t, lambda t: 5.0, 20, derive="first")
-    assert str(other.value) == "matched(a,b)"
 
 
 def test_a_match_rests_on_its_windows_and_on_nothing_before_a_reset() -> None:
@@ -315,33 +282,6 @@ def test_whole_seconds_never_stand_whenever_they_are_begun_to_be_watched_and_jud
         assert observer.check(ns(t)) or t < asked_s + longest_s + 1 / hz + 0.02
     assert "const(stamp)" not in said
     assert "inc(stamp)" in said
-
-
-def test_whole_numbers_that_stand_are_said_to_and_those_that_move_to_move_at_once() -> None:
-    stands = run(lambda t: 7, 3.1)
-    assert word(stands, 3.1) == "const"
-    assert stands.settling_s >= 3.1
-    assert word(run(lambda t: round(20 * t), 0.6), 0.6) == "inc"
-
-
-def test_a_value_that_stood_and_moves_is_seen_to_move_as_soon_as_one_that_never_stood() -> None:
-    driver = Driver([QualitativeObserver("x", "odom:x")], 0)
-    changes: list[Change] = []
-    for k in range(300):
-        value = 0.0 if k < 200 else (k - 200) / 10
-        changes += driver.sample("odom:x", ns(k / 10), value, ns(k / 10))
-    (moved,) = (c for c in changes if str(c.value) == "inc(x)")
-    assert 20 <= moved.time_ns / 1e9 <= 20.5
-
-
-def test_two_values_that_move_in_steps_match() -> None:
-    driver = Driver([BinaryQualitativeObserver("matched(a,b)", "a", "b", Match(threshold=5))], 0)
-    changes: list[Change] = []
-    for k in range(600):
-        for source, value in (("a", int(k / 10)), ("b", k / 10)):
-            changes += driver.sample(source, ns(k / 10), value, ns(k / 10))
-    assert [str(c.value) for c in changes][-1:] == ["matched(a,b)"]
-    assert len(changes) <= 3
 
 
 def test_what_is_alike_for_the_first_moments_only_was_never_seen_to_match() -> None:

@@ -102,13 +102,3 @@ def test_a_log_taken_in_by_stretches_says_what_it_says_sample_by_sample(seed: in
     assert len(expected) > 5
     smoothed = make()[2]._remembered == 0  # type: ignore[attr-defined]  # a smoothed value counts one by one
     assert (taken > 5) is not smoothed
-
-
-def test_a_stretch_is_not_taken_in_where_a_verdict_changes() -> None:
-    make = observers(random.Random(1))
-    driver = Driver(make(), 0)
-    calm: list[Sample] = [("fast", number * SECOND // 20, None) for number in range(200)]
-    assert not at_once(driver, calm[:40])  # nothing is known yet
-    one_by_one(driver, calm[:100])
-    one_by_one(driver, [("slow", calm[99][1], None)])
-    assert not at_once(driver, calm[100:])  # the other topic falls silent in it

@@ -96,17 +96,6 @@ def test_a_recording_has_a_bound_and_says_that_it_is_full(tmp_path: Path) -> Non
     assert json.loads(lines[-1])["full"] is True
 
 
-def test_what_is_taken_in_after_its_end_is_not_in_there(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "r", 0, 10_000)
-    driver = Driver(observers(), 0, listeners=(recording,))
-    driver.sample("scan", 5)
-    recording.close(7)
-    driver.sample("scan", 9)  # of a bridge that is still putting things away
-    recording.close(9)
-    lines = [json.loads(line) for line in (tmp_path / "r").read_text().splitlines()]
-    assert lines == [{"start": 0}, {"source": "scan", "time": 5}, {"end": 7}]
-
-
 def test_a_torn_last_line_is_left_out_and_another_file_is_refused() -> None:
     def make(start_ns: int) -> Driver:
         return Driver([GeneralObserver("scan", RATE)], start_ns)

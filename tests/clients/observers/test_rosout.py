@@ -40,13 +40,6 @@ def test_a_line_is_a_fault_at_once_and_over_after_a_while(level: int) -> None:
     assert str(log.reading) == "no ERROR for 10 s"
 
 
-@pytest.mark.parametrize("level", [1, 2, 4, 10, 20, 30])
-def test_chatter_is_none(level: int) -> None:
-    log = Log()
-    found = [change for n in range(300) for change in log.line(n / 10, level)]
-    assert values(found) == ["ok(log,camera)"]
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -88,12 +81,6 @@ def test_first_and_last_line_are_told_with_their_number() -> None:
 )
 def test_a_child_of_the_nodes_logger_is_its_own_and_others_are_not(name: str, ours: bool) -> None:
     assert bool(Log().line(1, 40, name=name)) is ours
-
-
-def test_a_node_in_a_namespace_has_dots_in_ros_2() -> None:
-    for name in ("/robot1/camera", "robot1.camera"):
-        assert Log(node="/robot1/camera").line(1, 40, name=name)
-    assert not Log(node="/robot1/camera").line(1, 40, name="camera")
 
 
 def test_lines_that_mean_nothing_are_left_out_and_several_may_be_asked_for() -> None:

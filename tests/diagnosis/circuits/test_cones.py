@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.netlists import (
     Circuit,
-    circuit,
     fresh_solver_diagnoses,
     observed_circuits,
 )
@@ -18,7 +17,7 @@ from tests.examples import examples
 
 from robomend.diagnosis.circuits import toplevel
 from robomend.diagnosis.circuits.flips import Flips
-from robomend.diagnosis.circuits.netlist import find_cones, recover
+from robomend.diagnosis.circuits.netlist import recover
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import HealthCnf
@@ -30,25 +29,10 @@ MINIMUM = Options(minimal="cardinality", limit=None, timeout_s=None)
 FACTORED = Options(minimal="cardinality", limit=None, timeout_s=None, factored=True)
 
 
-@pytest.mark.parametrize(("name", "tops"), [("c17", 4), ("c432", 59), ("c1908", 160), ("c7552", 545)])
-def test_the_netlist_and_its_cones_are_found_in_the_clauses(name: str, tops: int) -> None:
-    netlist = recover(circuit(name).cnf)
-    assert netlist is not None
-    assert len(netlist.gates) == len(circuit(name).gates)
-    assert len(find_cones(netlist, circuit(name).numbers(circuit(name).outputs)).top) == tops
-
-
 @examples(150)
 @given(observed_circuits())
 def test_engines_for_circuits_agree_with_the_definition(system: tuple[Circuit, frozenset[Literal]]) -> None:
     agrees_with_the_definition(system[0].cnf, system[1])
-
-
-@given(observed_circuits())
-def test_they_agree_without_simulation_too(system: tuple[Circuit, frozenset[Literal]]) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(toplevel, "SIMULATED_GATES", 0)
-        agrees_with_the_definition(system[0].cnf, system[1])
 
 
 @pytest.mark.parametrize("width", [1, 2, 5, 6, 8, 9, 12, 21])
@@ -63,19 +47,6 @@ def test_parities_of_any_width_are_gates(kind: str, width: int) -> None:
     for ones in range(width + 1):
         values = [int(i < ones) for i in range(width)]
         assert eval(gate.expression.format(*values), {"M": 1}) == (ones % 2 == (kind == "XOR"))
-
-
-def test_a_gate_that_is_true_for_half_of_its_inputs_need_not_be_a_parity() -> None:
-    made = bench(["s", "a", "b"], ["y = AND(s, a, b)"])
-    s, a, b, y = (made.atom_variable[Atom("v", (name,))] for name in "saby")
-    choice = ((-1, -s, -a, y), (-1, -s, a, -y), (-1, s, -b, y), (-1, s, b, -y))  # a where s holds, else b
-    netlist = recover(replace(made, clauses=choice, origins=made.origins[:1] * len(choice)))
-    assert netlist is not None
-    (gate,) = netlist.gates
-    for values in product((0, 1), repeat=3):
-        of = dict(zip((s, a, b), values, strict=True))
-        told = eval(gate.expression.format(*(of[net] for net in gate.inputs)), {"M": 1})
-        assert told == (of[a] if of[s] else of[b])
 
 
 @pytest.mark.parametrize("spoilt", ["a clause less", "another sign", "an auxiliary variable of two gates"])
@@ -115,18 +86,6 @@ def wide_parities(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
     values = draw(st.lists(st.booleans(), min_size=len(seen), max_size=len(seen)))
     observed = {Atom("v", (net,)): value for net, value in zip(seen, values, strict=True)}
     return bench(inputs, lines), frozenset(Literal(atom, value) for atom, value in observed.items())
-
-
-def test_a_bound_on_the_size_leaves_out_what_is_larger_and_nothing_else() -> None:
-    made, found = circuit("c17"), set()
-    for faults, seed in ((2, 4), (2, 9), (3, 22), (2, 28)):
-        observations = made.observe(faults, seed)
-        expected = fresh_solver_diagnoses(made.cnf, observations)
-        for most in range(1, 6):
-            result = make_engine("sat", made.cnf).diagnose(observations, replace(SUBSET, max_size=most))
-            assert {one.bad for one in result.diagnoses} == {bad for bad in expected if len(bad) <= most}
-            found |= {len(one.bad) for one in result.diagnoses}
-    assert found == {1, 2, 3}
 
 
 @settings(max_examples=60, deadline=None)

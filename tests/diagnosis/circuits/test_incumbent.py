@@ -61,15 +61,6 @@ def test_an_incumbent_explains_what_is_seen_and_each_of_its_gates_is_needed(
     assert not any(explains(gates - {gate}) for gate in gates)
 
 
-@pytest.mark.parametrize(("name", "faults", "seed"), MANY_FAULTS)
-def test_the_first_diagnosis_is_as_small_as_that_of_another_engine(name: str, faults: int, seed: int) -> None:
-    made = circuit(name)
-    observations = made.observe(faults, seed)
-    (ours,) = warm(made).diagnose(observations, FIRST).diagnoses
-    (other,) = make_engine("maxsat", made.cnf).diagnose(observations, FIRST).diagnoses
-    assert len(ours.bad) == len(other.bad)
-
-
 @given(observed_circuits())
 def test_the_first_diagnosis_is_one_of_the_smallest_of_the_definition(
     system: tuple[Circuit, frozenset[Literal]],

@@ -17,7 +17,7 @@ from robomend.diagnosis.isolability.analysis import Ambiguity, isolability
 from robomend.diagnosis.isolability.comparing import BySearch, Definite, Fault, comparison
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
-from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_model
 from robomend_bench.suite import DATA
@@ -151,24 +151,9 @@ def test_without_time_the_answer_says_what_it_does_not_know() -> None:
     assert found.detectable == (None, None)
 
 
-def test_a_model_without_observers_is_refused() -> None:
-    with pytest.raises(OptionRefused, match="name observables of the model"):
-        isolability(model(2, [(-C1, A)], atoms=1), [Atom("ok", ("elsewhere",))])
-
-
 def test_double_faults_beyond_the_bound_are_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(analysis, "MOST_DOUBLE_FAULTS", 2)
     cnf = model(3, [(-1, 4), (-2, 5), (-3, 6)], atoms=3)
     doubles = isolability(cnf, double=True).double_faults
     assert doubles is not None
     assert (doubles.faults, doubles.complete) == ((("c1", "c2"), ("c1", "c3")), False)
-
-
-def test_of_a_large_group_the_first_ones_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(analysis, "MOST_SPLIT", 2)
-    # a by all three; b by the first, c by the second, d by the third
-    cnf = model(3, [(-1, -2, -3, 4), (-1, 5), (-2, 6), (-3, 7)], atoms=4)
-    (group,) = isolability(cnf, [Atom("ok", ("a1",))]).ambiguities
-    assert group.further is not None
-    assert (len(group.faults), group.all_looked_at) == (3, False)
-    assert set(group.further.atoms) == {Atom("ok", ("a2",)), Atom("ok", ("a3",))}

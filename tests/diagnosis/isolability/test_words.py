@@ -107,33 +107,7 @@ def test_a_trend_that_is_suggested_tells_a_node_from_its_rivals() -> None:
     assert asked(after, "ok(image)", str(trend.watch)).matrix[index][rival] == "~"
 
 
-@pytest.mark.parametrize(
-    ("atom", "words"),
-    [
-        ("on(camera)", "whether camera is on (channel 4)"),
-        ("on(lidar)", "whether lidar is on"),
-        ("running(detector)", "whether detector runs"),
-        ("ok(image)", "image"),
-        ("ok(current,camera)", "the current of channel 4"),
-        ("ok(CPU,detector)", "the processor time of detector"),
-        ("ok(temperature,camera)", "the temperature of camera"),
-        ("matched(pan,range)", "whether pan and range go together"),
-        ("inc(pan)", "the trend of pan"),
-        ("v(22)", "v(22)"),
-    ],
-)
-def test_what_is_watched_is_said_as_people_say_it(atom: str, words: str) -> None:
-    assert watched(parse_atom(atom), robot().parts) == words
-
-
 def test_what_no_rule_speaks_of_is_named() -> None:
     system = robot()
     found = isolability(system.cnf, [Atom("ok", ("image",)), Atom("ok", ("CPU", "detector"))])
     assert "no rule mentions ok(CPU,detector): observing it adds nothing" in sentences(found, system)
-
-
-def test_double_faults_are_told_in_words() -> None:
-    system = robot()
-    found = isolability(system.cnf, [parse_atom(a) for a in ("ok(image)", "ok(scan)")], double=True)
-    (line,) = [line for line in sentences(found, system) if line.startswith("double faults")]
-    assert "of 1 compared, 1 can be seen to be double" in line

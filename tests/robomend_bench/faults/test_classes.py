@@ -9,13 +9,12 @@ import pytest
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_text
-from robomend_bench.faults.classes import CLASSES, FaultClass, draw, universe_of
+from robomend_bench.faults.classes import CLASSES, FaultClass, draw
 from robomend_bench.faults.condition import abnormal, observed
-from robomend_bench.faults.field import BY_NAME, FIELD
-from robomend_bench.faults.kinds import BESIDE, DEVICE_KINDS, NODE_KINDS, Fault, begun
+from robomend_bench.faults.kinds import begun
 from robomend_bench.faults.live import knows
 from robomend_bench.faults.policy import COSTS
-from robomend_bench.faults.robot import Robot, find_robot, made, robot_names
+from robomend_bench.faults.robot import Robot, find_robot, robot_names
 
 
 def robots() -> dict[str, Robot]:
@@ -41,26 +40,6 @@ def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
             assert abnormal(anatomy, begun(anatomy, fault)), fault
             if not described.apart:
                 assert fault in find_robot(name).universe.weights, fault
-
-
-def test_every_kind_of_fault_is_planted_by_some_class() -> None:
-    found = [find_robot(name) for name in robot_names("field")]
-    kinds = {
-        fault.kind
-        for robot in found
-        for fault in universe_of(robot.anatomy, (*CLASSES, *FIELD)).weights
-        if not fault.kind.startswith(BESIDE)
-    }
-    assert kinds == {*NODE_KINDS, *DEVICE_KINDS}
-
-
-def test_both_faults_of_a_double_can_be_seen() -> None:
-    anatomy = find_robot("base").anatomy
-    for number in range(50):
-        first, second = draw(BY_NAME["double"], anatomy, random.Random(number)).faults
-        shows = [abnormal(anatomy, begun(anatomy, fault)) for fault in (first, second)]
-        assert shows[0] - shows[1]
-        assert shows[1] - shows[0]
 
 
 @pytest.mark.parametrize("name", robot_names("field"))
@@ -89,16 +68,3 @@ def test_a_healthy_robot_s_agents_know_what_its_repairs_need() -> None:
             done = robot.policy.outcome(state, [(state, 1.0)]).acts
             power = {"power_up", "shutdown"} if robot.anatomy.power == "board" else set()
             assert {act for act in done if act.name not in power} <= acts, (name, fault)
-
-
-def test_generated_robots_are_the_same_for_the_same_number() -> None:
-    assert made(3) == made(3) != made(4)
-    for number in range(30):
-        robot = find_robot(f"made-{number}")
-        system = load_text(robot.model, name=robot.name)
-        assert set(system.cnf.components) == {*robot.anatomy.devices, *robot.anatomy.nodes}
-
-
-def test_a_protected_or_fixed_part_is_not_broken() -> None:
-    assert Fault("archive", "hung") not in find_robot("pipeline").universe.shows  # it publishes nothing
-    assert BY_NAME["hung-device"].faults(find_robot("drone").anatomy) == []  # nothing can cut its power

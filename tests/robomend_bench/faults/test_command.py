@@ -11,19 +11,16 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import click
 import pytest
 
 from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.command import choose, command, judge, names_in
-from robomend_bench.faults.field import BY_NAME, WORLDS
-from robomend_bench.faults.record import Record, Trial, parse_trial
+from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.report import Report
 from robomend_bench.faults.robot import robot_names
 from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.standins import IN_USE
-from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
-from robomend_bench.faults.trial import robot_of
+from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.main import main
 
 ALL = list(names_in("usual"))
@@ -48,27 +45,6 @@ def test_a_run_has_the_shares_exactly_and_the_stretches_besides() -> None:
     assert counts == {each.name: 2 * each.share for each in CLASSES} | dict.fromkeys(USUAL_STRETCHES, 3)
     assert found == list(choose(220, 3, 1, robot_names(), ALL))
     assert len(set(found)) == len(found)
-
-
-def test_more_trials_begin_with_the_same_ones() -> None:
-    few, many = (set(choose(count, 0, 1, robot_names(), ALL)) for count in (50, 300))
-    assert few <= many
-    assert not few & set(choose(50, 0, 2, robot_names(), ALL))
-
-
-def test_classes_and_robots_can_be_chosen() -> None:
-    found = list(choose(10, 2, 1, ["base", "drone"], ["spare", "boot"]))
-    assert Counter((t.robot, t.cls) for t in found) == {
-        ("base", "spare"): 10,
-        ("base", "boot"): 1,
-        ("drone", "boot"): 1,
-    }
-    assert list(choose(10, 0, 1, ["drone"], ["spare"])) == []
-
-
-def test_a_trial_is_named_by_its_text() -> None:
-    trial = Trial("made-12", "mute-successor", 3, 45)
-    assert parse_trial(str(trial)) == trial
 
 
 @pytest.mark.parametrize(
@@ -138,14 +114,6 @@ def test_beside_what_people_use_all_have_the_same_faults(
     assert told[IN_USE["respawn"]]["repaired"]["value"] < told[IN_USE["upstream"]]["repaired"]["value"]
 
 
-@pytest.mark.parametrize("world", list(WORLDS))
-def test_each_world_has_its_own_classes_and_stretches(world: str) -> None:
-    names = names_in(world)
-    found = list(choose(110, 1, 1, robot_names(world), names))
-    assert {trial.cls for trial in found} == set(names)
-    assert all(robot_of(trial).world == world for trial in found)
-
-
 def test_a_trial_by_itself_tells_all_that_happened(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -168,13 +136,6 @@ def test_what_is_no_measurement_is_named_and_never_scored() -> None:
     assert "base/hung-node/1.1`: the service died" in shown
 
 
-def test_on_a_computer_that_is_kept_busy_the_service_has_to_wait_and_that_counts() -> None:
-    report = Report("", "published", "the service", 4, 1, [], [], [])
-    starved = Record(Trial("base", "hung-node", 1, 3), "published", starved_s=0.4)
-    judge([starved], report)
-    assert ([score.trial for score in report.scores], report.late) == (["base/hung-node/1.3"], [])
-
-
 def test_lists_name_what_went_wrong_and_nothing_else() -> None:
     well = Score("base/off/1.1", "off", "faults", repairable=True, repaired=True, detected=True)
     acted = replace(well, trial="base/off/1.2", wrong=["1.00 s: stop_node(x)"] * 6)
@@ -191,12 +152,6 @@ def test_lists_name_what_went_wrong_and_nothing_else() -> None:
         "Neither repaired nor escalated with its cause (1 trials)": {"base/off/1.4"},
     }
     assert "; and 2 more" in sections["Wrong acts (1 trials)"]
-
-
-def test_the_help_names_every_class_and_robot() -> None:
-    text = "".join(command.get_help(click.Context(command)).split())
-    for word in (*BY_NAME, *STRETCH_BY_NAME, *robot_names("field"), *WORLDS):
-        assert word in text, word
 
 
 # --- for real --------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from robomend_bench.faults.condition import Act
 from robomend_bench.faults.exemplars import (
     Exemplar,
     Outcome,
@@ -17,51 +16,9 @@ from robomend_bench.faults.exemplars import (
     sunset_table,
     told_as_the_rival,
 )
-from robomend_bench.faults.suave import FAILS_S, MODES, MOTION, SEARCH, Suave
-from robomend_bench.faults.sunset import ACTS, Options, Sunset, scenarios, with_rival
+from robomend_bench.faults.suave import MODES, MOTION, SEARCH
+from robomend_bench.faults.sunset import Options, scenarios, with_rival
 from robomend_bench.service.process import Served, served
-
-
-def done(triple: tuple[str, str, str], *acts: str) -> Sunset:
-    """Return a system that had a scenario, after these acts, each left its time."""
-    system = Sunset()
-    system.advance(2.0)
-    system.plant(triple)
-    by_text = {str(act): act for act in ACTS}
-    for act in acts:
-        system.advance(system.now_s + system.begin(by_text[act]) + 1.0)
-    return system
-
-
-def judged(system: Sunset) -> list[str]:
-    return ["wrong" if one.wrong else "needless" if one.needless else "" for one in system.strategies]
-
-
-def test_a_restart_ends_a_drop_and_a_redeployment_a_hard_one() -> None:
-    soft = done(("shift", "segmentation", "drop"), "autofocus(lens)", "reactivate(segmentation)")
-    assert soft.wrong == {"shift"}
-    hard = done(("shift", "segmentation", "hard"), "reactivate(segmentation)", "redeploy(segmentation)")
-    assert hard.wrong == {"shift", "unfocused"}
-    assert judged(hard) == ["needless", ""]
-    redeployed = done(("shift", "segmentation", "drop"), "redeploy(segmentation)")
-    assert judged(redeployed) == ["needless"]
-    assert redeployed.strategies[0].redeployed
-
-
-def test_a_dark_picture_is_enhanced_and_a_shifted_one_recalibrated() -> None:
-    dark = done(("dark", "camera", "drop"), "recalibrate(calibration)", "show(enhanced)")
-    assert judged(dark) == ["wrong", ""]
-    shifted = done(("shift", "segmentation", "drop"), "recalibrate(calibration)", "show(enhanced)")
-    assert judged(shifted) == ["", "wrong"]
-
-
-def test_the_restart_of_a_camera_ends_the_dark_which_ends_by_itself_too() -> None:
-    system = done(("dark", "camera", "drop"), "reactivate(camera)", "autofocus(lens)")
-    assert system.wrong == frozenset()
-    assert system.clear_s is not None
-    left = done(("dark", "segmentation", "drop"))
-    left.advance(left.now_s + 25.0)
-    assert left.wrong == {"drop segmentation", "unfocused"}
 
 
 @pytest.mark.parametrize(
@@ -74,25 +31,6 @@ def test_the_rival_does_what_was_measured_of_it(options: Options, figures: str) 
     *_, row = sunset_table({"it": outcomes})
     assert row.startswith(f"| it | 50 | {figures} |")
     assert "never" not in row
-
-
-def test_suave_flies_at_the_altitude_that_is_expected_or_that_is_counted() -> None:
-    system = Suave()
-    system.advance(1.0)
-    system.start()
-    for tick in range(1, 101):
-        system.advance(1.0 + tick / 10)
-    assert system.wrong_s == pytest.approx(10.0)
-    assert system.expected == "fd_spiral_high"
-    system.begin(Act("change_mode", (SEARCH, "fd_spiral_high")))
-    system.advance(11.5)
-    assert system.wrong_s == pytest.approx(10.0)
-    system.messages.clear()
-    system.advance(1.0 + FAILS_S)
-    assert [m for m in system.messages if "c_thruster_1" in str(m)]
-    system.begin(Act("change_mode", (MOTION, "fd_recover_thrusters")))
-    system.advance(1.0 + FAILS_S + 6.0)
-    assert system.recovered
 
 
 @pytest.fixture(scope="module")

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
-from itertools import pairwise
 
 import pytest
 from tests.robomend_bench.faults.small import odd
 
-from robomend_bench.faults.body import LIVES_S, RECONNECTS_S
 from robomend_bench.faults.classes import FaultClass, draw
 from robomend_bench.faults.condition import HEALTHY, Act, abnormal
 from robomend_bench.faults.field import BY_NAME, FIELD, WORLDS
-from robomend_bench.faults.kinds import PASSING, Fault, begun, settled
+from robomend_bench.faults.kinds import PASSING, Fault, begun
 from robomend_bench.faults.record import Acted, Arrived, Credited, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
 from robomend_bench.faults.scoring import Score, score
@@ -63,22 +61,6 @@ def test_who_knows_the_truth_is_right_and_does_nothing_in_vain(described: FaultC
             assert (found.extra or 0) <= 0, found  # he knows which drivers reconnect
 
 
-def test_who_does_nothing_is_right_only_where_it_mends_itself() -> None:
-    right = set()
-    for described in [
-        BY_NAME[name] for name in ("brown-out", "comes-back", "reconnects", "too-fast", "beside")
-    ]:
-        for number in range(4):
-            trial = Trial("cart", described.name, 1, number)
-            [found] = played("idle", [trial])
-            mended = not abnormal(
-                robot_of(trial).anatomy, settled(robot_of(trial).anatomy, *scenario_of(trial).faults)
-            )
-            assert (found.right, found.escalated) == (mended and not found.called_healthy, False), found
-            right |= {described.name} if found.right else set()
-    assert right == {"brown-out", "comes-back"}
-
-
 # --- what the robots do ----------------------------------------------------------------------------------
 
 
@@ -99,42 +81,6 @@ def test_real_observers_see_what_the_truth_says(cls: str, number: int) -> None:
     wrong = odd(anatomy, begun(anatomy, *scenario_of(trial).faults))
     assert wrong
     assert {literal for literal in held(trial) if literal.startswith("not ")} == wrong
-
-
-def test_a_node_that_ends_again_and_again_does_so() -> None:
-    record = play_with("perfect", Trial("pair", "short-lived", 1, 1), Terms("fast", most_s=60.0))
-    broken = [at_s for at_s, state in record.states if at_s > 0 and state and "dead" not in str(state)]
-    ends = [b for a, b in pairwise(broken) if b - a > LIVES_S / 2]
-    assert len(ends) >= 2
-
-
-def test_a_driver_that_reconnects_needs_no_start() -> None:
-    trial = Trial("pair", "reconnects", 1, 2)
-    record = play_with("perfect", trial, Terms("fast"))
-    assert [acted.act.name for acted in record.acts if "node" in acted.act.name] == []
-    back = [at_s for _, _, at_s in record.silences if at_s > 0]
-    assert min(back) >= max(acted.at_s for acted in record.acts) + RECONNECTS_S
-
-
-@pytest.mark.parametrize("name", robot_names("field"))
-def test_who_switches_the_power_is_configured_to(name: str) -> None:
-    robot = find_robot(name)
-    if robot.anatomy.power == "agent":
-        assert {"power_up", "shutdown"} <= robot.settings(None, [])["actions"].keys()
-
-
-def test_that_a_driver_reconnects_is_known_to_the_best_policy_where_the_model_says_so() -> None:
-    known = {True: 0, False: 0}
-    for number in range(12):
-        trial = Trial("cart", "reconnects", 1, number)
-        [fault] = scenario_of(trial).faults
-        robot, state = robot_of(trial), begun(robot_of(trial).anatomy, fault)
-        least = len(robot.policy.outcome(state, [(state, 1.0)]).acts)
-        told = len(robot.told_policy.outcome(state, [(state, 1.0)]).acts)
-        knows = scenario_of(trial).times_known
-        assert told - least == (0 if knows else 2 * len(robot.anatomy.drivers[fault.component])), trial
-        known[knows] += 1
-    assert min(known.values()) > 0
 
 
 @pytest.mark.parametrize("cls", ["comes-back", "link"])

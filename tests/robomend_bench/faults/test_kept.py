@@ -28,23 +28,6 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return 0
 
 
-def test_a_score_comes_back_as_it_was(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "scores", TERMS)
-    kept.add(WELL)
-    assert Kept(tmp_path / "scores", TERMS).scores == {WELL.trial: WELL}
-
-
-def test_a_line_that_was_cut_off_is_played_again_and_the_file_goes_on(tmp_path: Path) -> None:
-    path = tmp_path / "scores"
-    Kept(path, TERMS).add(WELL)
-    with path.open("a") as file:
-        file.write('{"trial": "base/of')
-    kept = Kept(path, TERMS)
-    assert list(kept.scores) == [WELL.trial]
-    kept.add(Score("base/off/1.2", "off", "faults"))
-    assert list(Kept(path, TERMS).scores) == [WELL.trial, "base/off/1.2"]
-
-
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -87,11 +70,3 @@ def test_pieces_come_to_the_same_as_one_run(
     lines = (tmp_path / "scores").read_text()
     assert told(*one, *kept)["scores"] == whole["scores"]
     assert (tmp_path / "scores").read_text() == lines  # nothing was played
-
-
-def test_pieces_of_another_kind_end_with_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    Kept(tmp_path / "scores", TERMS)
-    assert run(monkeypatch, "--trials", "1", "--keep", str(tmp_path / "scores")) == 2
-    assert "is of another kind of run" in " ".join(capsys.readouterr().err.replace("│", " ").split())

@@ -5,12 +5,11 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from tests.robomend_bench.faults.small import ROBOT, with_faults
+from tests.robomend_bench.faults.small import ROBOT
 
-from robomend_bench.faults import policy as policies
 from robomend_bench.faults.anatomy import Anatomy, read_anatomy
 from robomend_bench.faults.classes import universe_of
-from robomend_bench.faults.condition import HEALTHY, Act, State, abnormal, after
+from robomend_bench.faults.condition import Act, State, abnormal, after
 from robomend_bench.faults.kinds import Fault, begun
 from robomend_bench.faults.policy import COSTS, Outcome, Policy
 
@@ -44,46 +43,6 @@ def test_acts_of_single_faults(fault: tuple[str, str], acts: int, repaired: bool
     # A relay that sticks answers at once: nothing follows it.
     wanted = 1 if fault == ("lidar", "off for ever") and len(found.acts) == 1 else acts
     assert (len(found.acts), found.repaired, found.exact) == (wanted, repaired, True)
-
-
-def test_two_faults_take_what_each_takes() -> None:
-    found = cheapest(ROBOT, ("mapper", "dead"), ("estimator", "dead"))
-    assert sorted(map(str, found.acts)) == ["start_node(estimator)", "start_node(mapper)"]
-
-
-def test_a_supply_is_switched_on_and_each_driver_behind_it_restarted() -> None:
-    anatomy = read_anatomy(
-        {
-            "hardware": {
-                "rail": {"channel": 1},
-                "cam": {"channel": 3, "fed_by": ["rail"]},
-                "lamp": {"channel": 4, "fed_by": ["rail"]},
-            },
-            "nodes": {
-                "cam_driver": {"drives": ["cam"], "publishes": {"image": []}},
-                "lamp_driver": {"drives": ["lamp"], "publishes": {"light": []}},
-            },
-        },
-        {},
-    )
-    assert len(cheapest(anatomy, ("rail", "off")).acts) == 5
-
-
-def test_nothing_is_done_to_a_healthy_robot() -> None:
-    assert Policy(ROBOT).outcome(HEALTHY, [(HEALTHY, 1.0)]).acts == ()
-
-
-def test_who_knows_what_is_wrong_needs_no_attempt_in_vain() -> None:
-    state = with_faults(("lidar", "hung"))
-    assert len(Policy(ROBOT).outcome(state, [(state, 1.0)]).acts) == 4
-    assert Policy(ROBOT).repairable(state)
-    assert not Policy(ROBOT).repairable(with_faults(("lidar", "broken")))
-
-
-def test_a_larger_belief_is_searched_less_far_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(policies, "MOST_STATES", 1)
-    found = cheapest(ROBOT, ("lidar", "hung"))
-    assert (found.repaired, found.exact) == (True, False)
 
 
 def brute_force(anatomy: Anatomy, state: State) -> float:
