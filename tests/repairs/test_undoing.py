@@ -87,7 +87,7 @@ async def test_repairs_that_undo_each_other_end_as_soon_as_they_begin_anew(
         assert not any(one["helped"] for one in repair["rounds"])
         undone = next(line for line in account(repair) if "it did not help" in line)
         assert undone.startswith(
-            "  it did not help: cam_a is well again, and what held before it does not: ok(img_b)"
+            "  it did not help: cam_a is well again, and what held before it does not: img_b ok"
         )
 
 

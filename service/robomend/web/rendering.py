@@ -49,7 +49,7 @@ ROWS = 100
 MOST_ROWS = 500
 """The others come with the next page."""
 
-COMMENTS = re.compile(rb"^[ \t]*(?://[^\n]*\n|/\*.*?\*/[ \t]*\n)", re.MULTILINE | re.DOTALL)
+COMMENTS = re.compile(rb"^[ \t]*(?://[^\n]*\n|/\*(?:(?!\*/).)*\*/[ \t]*\n)", re.MULTILINE | re.DOTALL)
 """Those that have lines of their own: a tenth of what a first visit weighs."""
 
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
