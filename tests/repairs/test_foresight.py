@@ -230,27 +230,6 @@ OURS = {name: {**CONFIG["actions"][name], "effect_timeout_s": 1.0} for name in (
 """Power is the board's."""
 
 
-@pytest.mark.parametrize("hangs", [False, True], ids=["off", "hangs"])
-async def test_power_that_nobody_switches_is_not_planned_and_one_escalation_says_who_must(
-    tmp_path: Path, hangs: bool
-) -> None:
-    firmware = MODEL.replace("lidar_node: {", "lidar_node: {restartable: false, ")
-    async with service(tmp_path) as runtime:
-        await put_robot(runtime, firmware, actions=OURS)
-        robot = Robot(runtime.repairs, runtime.robots)
-        async with running(robot):
-            await robot.settled()
-            robot.connected["lidar_node"] = False
-            robot.on["lidar"] = hangs
-            repair = await the_repair(runtime)
-    assert repair["state"] == "escalated"
-    act = "power-cycle" if hangs else "switch on"
-    assert f"a person must {act} lidar: the robot has no board" in repair["reason"]
-    assert repair["rounds"] == []
-    assert repair["waits"] == [] or repair["waits"][-1]["until_ns"] - repair["created_ns"] < 2e9
-    assert repair["retry_ns"] is None  # it would end as this one did
-
-
 async def test_power_is_planned_again_once_its_board_is_connected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

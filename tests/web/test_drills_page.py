@@ -38,7 +38,7 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     service.diagnosis("pulled", wait_s=30, after=0)
     page = live(look(service, viewport={"width": 1440, "height": 900}), "/ui/robots/pulled/drills")
     row = page.get_by_role("row").filter(has_text="Pull the data cable of hokuyo").first
-    expect(row).to_contain_text("not ok(scan)")
+    expect(row).to_contain_text("scan not ok")
     expect(row).to_contain_text("one of several")
     page.locator("#never summary").click()
     expect(page.locator("#never")).to_contain_text("pull the data cable of jaguar: jaguar is protected")

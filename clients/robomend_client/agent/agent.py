@@ -21,8 +21,8 @@ from robomend_client.agent.actions import Actions
 from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
-from robomend_client.agent.executors.program import drilled, supervised
 from robomend_client.agent.executors.ros_programs import Before
+from robomend_client.agent.executors.supervised import drilled, supervised
 from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Reads, Samples
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.moments import Moments, Watched

@@ -387,7 +387,7 @@ def hosts_of(parts: ComponentModel) -> dict[str, str | None]:
 
 
 async def offers_now(state: Robot, parts: ComponentModel, actions: Iterable[str], store: Store) -> Offers:
-    """Return what agents say, and what nobody can do as there is no board.
+    """Return what agents say, and what nobody can do as the board is not connected.
 
     Of agents nothing is known where one may be there of which this instance has not heard: right after a
     start, and where there are other instances which it may ask for work.
@@ -397,9 +397,10 @@ async def offers_now(state: Robot, parts: ComponentModel, actions: Iterable[str]
     """
     declared, board = state.sight.declared, state.config.board
     kinds = {name: kind_of(name, state.config.actions)[0] for name in actions}
-    boardless = "the robot has no board" if board is None else "its board is not connected"
-    missing = board is None or declared.boardless
-    by_hand = {name: boardless for name, kind in kinds.items() if kind == "board" and missing}
+    missing = board is not None and declared.boardless
+    by_hand = {
+        name: "its board is not connected" for name, kind in kinds.items() if kind == "board" and missing
+    }
     if not declared.all_heard() or len(await store.ownership.instances()) > 1:
         return Offers((), frozenset(), {}, by_hand)
     said = tuple(Offer(each.agent, each.host, each.can) for each in declared.agents())
