@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, service
+from tests.repairs.robot import MODEL, service
 
 from robomend.cli.commands import run
 from robomend.errors import UnknownComponent
@@ -26,10 +26,9 @@ async def test_a_plan_reads_as_that_of_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     seen = ["on(base)", "running(base_node)", "not ok(odom)"]
-    config = {"model": "small", "actions": CONFIG["actions"]}  # without a board, an agent switches
     async with service(tmp_path / "data") as runtime:
         await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        await runtime.robots.put_robot("r1", {"model": "small"}, expected=None, by="test")
         await runtime.robots.observe("r1", Batch(tuple(seen)))
         await runtime.robots.diagnosed("r1")
         would = await runtime.repairs.plan("r1", bad=None, planner="asp", timeout_s=20.0, pddl=True)

@@ -156,9 +156,6 @@ def how_it_ended(done: Json, *, brief: bool = False) -> str:
     why, bad = in_prose(done.get("reason") or done["ending"]), " and ".join(done["diagnosis"]["bad"])
     if done.get("by_itself"):
         return f"well again, and credited to nobody: {in_prose(done['by_itself'])}"
-    if done.get("undid"):
-        fails = in_prose(", ".join(done["undid"]))
-        return f"it did not help: {bad} is well again, and what held before it does not: {fails}"
     if not done.get("helped"):
         untouched = done["plan"] and all(step.get("state") == StepState.WAITING for step in done["plan"])
         return f"{'nothing of it was done' if untouched else 'it did not help'}: {why}"

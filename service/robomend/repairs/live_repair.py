@@ -7,7 +7,7 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 from __future__ import annotations
 
 import time
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -51,11 +51,6 @@ BETWEEN_ROUNDS = frozenset({RepairState.WAITING, RepairState.PLANNING, RepairSta
 OWN_S = 30.0
 """What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
 to begin."""
-
-
-def starts(plan: Plan | None) -> Iterator[Step]:
-    """Yield the steps of a plan that start a node."""
-    yield from (step for step in (plan.steps if plan is not None else ()) if step.name == "start_node")
 
 
 MOST_ANEW = 5
@@ -108,7 +103,6 @@ class LiveRepair:
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
-        self._anew_ns = 0  # what was tried before that may help now
         self._first = 0  # number of the present round's first step within the repair
 
     def _shows_s(self, *actions: str) -> float:
@@ -221,13 +215,6 @@ class LiveRepair:
             await self._hearing.look_at(found.probe.atom, found.reason)
             result = await self._newest()
             found = await self._planned(result, looks=False)
-        if found.plan is None and (early := self._started_early()):
-            since_ns, self._anew_ns = self._anew_ns, time.time_ns()
-            again = await self._planned(result, looks=False)
-            if any(step.parameters[0] in early for step in starts(again.plan)):
-                found = again
-            else:
-                self._anew_ns = since_ns
         if found.came_back:
             await self._record.set_aside(set_aside(self._state.id, found.came_back, time.time_ns()))
         if found.plan is not None and found.diagnosis is not None:
@@ -245,15 +232,6 @@ class LiveRepair:
         else:
             self._record.not_mended(found, result, self._state.sight.entries())
         return found
-
-    def _started_early(self) -> frozenset[str]:
-        """Return the drivers that may have been started while their devices still booted: what was tried says
-        nothing of them, and no person is called before they were started once more.
-        """
-        parts, start_ups = self._state.system.parts, self._state.sight.start_ups
-        if parts is None:
-            return frozenset()
-        return frozenset(n for n in parts.nodes if start_ups.started_early(n, parts, self._state.sight))
 
     async def _too_early(self, choice: Choice, result: DiagnosisResult) -> bool:
         """Whether to choose anew: it was waited before a cut of power, or nothing can be done for what is not
@@ -282,7 +260,7 @@ class LiveRepair:
                 looks=looks,
                 avoided=self._acts.exhausted(),
                 left_off=self._acts.left_off(),
-                since_ns=max(self._anew_ns, self._record.tries_anew_from_ns),
+                since_ns=self._record.tries_anew_from_ns,
                 lingering=self._acts.lingering,
             )
         )
@@ -502,7 +480,6 @@ class LiveRepair:
             return
         assert choice.diagnosis is not None
         by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
-        undid = self._confirming.undid() if helped and by_itself is None else []
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
@@ -515,14 +492,11 @@ class LiveRepair:
             self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
-            undid=undid,
-            symptoms=self._confirming.symptoms,
         )
         await self._record.end_round(
             *ending,
-            helped=helped and by_itself is None and not undid,
+            helped=helped and by_itself is None,
             by_itself=by_itself,
-            undid=undid,
             tried=tried,
             quarantined=left_alone,
             entries=entries,

@@ -492,8 +492,6 @@ class Robots:
         self._background.begin(self.memory.drop(robot), "robot deleted elsewhere")
 
     def _board_changed(self, robot: str, link: LinkState, reason: str) -> None:
-        if (state := self.memory.states.get(robot)) is not None:
-            state.sight.declared.board(reached=link in {LinkState.CONNECTED, LinkState.SILENT})
         if not self.diagnosing.closing:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
