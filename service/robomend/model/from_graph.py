@@ -562,7 +562,8 @@ class _Draft:
                 found = self.steady.get(topic)
                 if found is not None:
                     said = f"{{rate_hz: {found.rate_hz:.3g}, tolerance_hz: {found.tolerance_hz:.2g}}}"
-                    lines.append(f"  {word(topic)}: {said}    # {comment(found.why[0])}")
+                    why = found.why[:1] if self.heard.learned else found.why  # the agent's file has all of it
+                    lines.append(f"  {word(topic)}: {said}    # {comment('; '.join(why))}")
                 elif self._of(topic).latched:
                     lines.append(f"  {word(topic)}: {{latched: true, silent: true}}    # {self._said(topic)}")
                 else:
