@@ -8,7 +8,10 @@
     strips  the same for planners that read less: ground, a domain for each problem (see below);
             strips-costs has the actions' costs as well
 
-Several observations are one copy of SD each, over the same components.
+Several observations are one copy of SD each, over the same components: who is blamed is blamed in all of
+them. How a blamed component behaves may differ from one to the next, as in the definition of
+diagnosis/snapshots.py: where fault modes say something of that, each copy has a health of its own, which is
+only bound where the component is not blamed.
 """
 
 from __future__ import annotations
@@ -136,12 +139,21 @@ class DiagnosisProblem:
     def hard(self) -> list[Clause]:
         """SD and OBS as clauses; variables 1 … n are health, the others one set a snapshot."""
         n = len(self.cnf.components)
+        several = len(self.snapshots) > 1
+        free = {literal for clause in self.cnf.clauses for literal in clause if several and 0 < literal <= n}
+        own = {variable: self.cnf.variables + place for place, variable in enumerate(sorted(free), 1)}
         found: list[Clause] = []
         for index, snapshot in enumerate(self.snapshots):
-            shift = index * (self.cnf.variables - n)
-            found += [tuple(_moved(literal, n, shift) for literal in clause) for clause in self.cnf.clauses]
-            numbers = filter(None, map(self.cnf.literal, snapshot))
-            found += [(_moved(number, n, shift),) for number in numbers]
+            shift = index * (self.cnf.variables - n + len(own))
+
+            def moved(literal: int, shift: int = shift) -> int:
+                variable = own.get(abs(literal), abs(literal))
+                variable += shift if variable > n else 0
+                return variable if literal > 0 else -variable
+
+            found += [tuple(map(moved, clause)) for clause in self.cnf.clauses]
+            found += [(-variable, moved(variable)) for variable in own]
+            found += [(moved(number),) for number in map(self.cnf.literal, snapshot) if number]
         return found
 
     def wcnf(self) -> str:
@@ -192,13 +204,6 @@ class DiagnosisProblem:
             return together.diagnose(self.snapshots, options)
         finally:
             together.close()
-
-
-def _moved(literal: int, n: int, shift: int) -> int:
-    """Return the literal in another copy of SD: health is shared, the rest is not."""
-    if abs(literal) <= n:
-        return literal
-    return literal + shift if literal > 0 else literal - shift
 
 
 @dataclass(frozen=True)

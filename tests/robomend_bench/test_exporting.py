@@ -11,16 +11,16 @@ from typing import Any
 
 import clingo
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pysat.examples.rc2 import RC2
 from pysat.formula import WCNF
-from tests.diagnosis.systems import satisfiable, systems
+from tests.diagnosis.systems import model, satisfiable, systems
 
 from robomend.model.cnf import HealthCnf
 from robomend_bench.exporting import DiagnosisProblem
 from robomend_bench.main import main
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 
 def by_rc2(text: str) -> int | None:
@@ -38,19 +38,29 @@ def by_clingo(text: str) -> int | None:
 
 
 def least(cnf: HealthCnf, snapshots: list[frozenset[Literal]]) -> int | None:
-    """Return the size of a smallest set that explains each snapshot, by the definition."""
+    """Return the size of a smallest set that explains each snapshot, by the definition.
+
+    Who is in the set may be healthy or not, in each snapshot anew: only the others are assumed to be well.
+    """
     n = len(cnf.components)
     for size in range(n + 1):
         for bad in combinations(range(1, n + 1), size):
             healthy = [(variable,) for variable in range(1, n + 1) if variable not in bad]
-            abnormal = [(-variable,) for variable in bad]
             seen = [[(cnf.literal(literal) or 0,) for literal in snapshot] for snapshot in snapshots]
-            if all(satisfiable([*cnf.clauses, *healthy, *abnormal, *one], cnf.variables) for one in seen):
+            if all(satisfiable([*cnf.clauses, *healthy, *one], cnf.variables) for one in seen):
                 return size
     return None
 
 
+SEEN_TO_BE_WELL = (
+    model(2, [(-1, -3), (1, 3), (-1, -2)], atoms=1),
+    frozenset({Literal(Atom("ok", ("a1",)), False)}),
+)
+"""c1 is well exactly where a1 is not seen: over both, it must be blamed and now and then be well."""
+
+
 @settings(max_examples=40, deadline=None)
+@example(SEEN_TO_BE_WELL, [{0: True}])
 @given(systems(), st.lists(st.dictionaries(st.integers(0, 3), st.booleans()), max_size=1))
 def test_both_formats_have_the_minimum_cardinality_for_an_optimum(
     system: tuple[HealthCnf, frozenset[Literal]], more: list[dict[int, bool]]
