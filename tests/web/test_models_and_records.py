@@ -26,12 +26,13 @@ def kept(service: Service) -> Service:
     service.with_robot("r1")
     service.observe("not on(jaguar)")
 
-    def begun() -> list[dict[str, str]]:
-        return list(service.api("GET", "/robots/r1/repairs").json()["items"])
+    def waits() -> list[str]:
+        found = service.api("GET", "/robots/r1/repairs").json()["items"]
+        return [one["id"] for one in found if one["state"] == "awaiting-approval"]
 
-    until(begun, "a repair begins")
+    until(waits, "a plan waits for a yes")
     decision = {"decision": "cancel", "reason": "<b>not today</b>"}
-    assert service.api("POST", f"/repairs/{begun()[0]['id']}", json=decision).is_success
+    assert service.api("POST", f"/repairs/{waits()[0]}", json=decision).is_success
     return service
 
 
