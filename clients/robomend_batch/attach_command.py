@@ -51,7 +51,10 @@ FIND_S, FIND_MOST_S = 3.0, 13.0
 FIND_LOOK_S = 0.1
 
 HEARD_S = 1.0
-"""So long after a robot's first node was seen, what is latched has come, and listening begins."""
+"""So long after a robot's first node was seen, what is latched has come, and listening begins …"""
+
+BEHIND_S = 10.0
+"""… unless topics are still being connected, as of a robot of hundreds: until none was for so long."""
 
 SHORT_S = 10.0
 """From recordings of less than that hardly a rate is told."""
@@ -409,8 +412,10 @@ class _Attached:
         waited_s, looked_s = 0.0, time.monotonic()
         seen_s: dict[str, float] = {}
         heard_s: dict[str, float] = {}
+        behind_s: dict[str, tuple[int, float]] = {}  # how many topics at least, and since when
         click.echo(f"looking for a robot: {', '.join(hearings) or 'nowhere'} …", err=True)
-        while waited_s < FIND_MOST_S and hearings:
+        there: dict[str, list[str]] = {}
+        while (waited_s < FIND_MOST_S or there) and hearings:
             self._interrupts.check()
             before_s, looked_s = looked_s, time.monotonic()
             waited_s += min(looked_s - before_s, 2 * FIND_LOOK_S)  # a busy computer finds later
@@ -421,7 +426,12 @@ class _Attached:
             there = {name: nodes for name, nodes in there.items() if nodes}
             now_s = time.monotonic()
             for name in there:
-                if name not in heard_s and now_s - seen_s.setdefault(name, now_s) > HEARD_S:
+                waits_s = now_s - seen_s.setdefault(name, now_s)
+                behind = hearings[name].behind
+                if behind < behind_s.get(name, (behind + 1, now_s))[0]:
+                    behind_s[name] = behind, now_s
+                ready = waits_s > HEARD_S and (not behind or now_s - behind_s[name][1] > BEHIND_S)
+                if name not in heard_s and ready:
                     heard_s[name] = now_s
                     hearings[name].begin()
             if waited_s > FIND_S and there:

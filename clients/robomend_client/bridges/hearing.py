@@ -38,6 +38,8 @@ if TYPE_CHECKING:  # what they need may not be installed
 
 NAME = "/robomend_attach"
 LOOK_S = 0.5
+AT_ONCE = 16
+"""Topics that are asked for side by side: a master answers each in milliseconds, and a robot has hundreds."""
 
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 ROSOUT = "/rosout"
@@ -66,6 +68,9 @@ JUMP_S = 1.0
 PING_S = 1.0
 SETTLED_S = 3.0
 """After a connection of zenoh was made, all who are there are known."""
+
+SHOWN = 10
+"""Topics that are named of those with the same reason."""
 
 LEAST_VALUES = 20
 """Of a field, all different from the one before: then it is one that does not stand still."""
@@ -102,8 +107,14 @@ class Hearing(ABC):
         self._values: dict[str, tuple[Any, int, int]] = {}  # topic -> newest value, changes, messages
         self._seen_ns: dict[str, int] = {}  # node -> when it was seen to run first
         self._runs: Mapping[str, bool | None] = {}
+        self._left = 1  # topics of the newest graph that are yet to be asked for; at first nobody knows
         self._began_s = time.monotonic()
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
+
+    @property
+    def behind(self) -> int:
+        """How many topics are not listened to yet: they are not silent."""
+        return self._left + len(self._unheard())
 
     def now_ns(self) -> int:
         """Return the time by a clock that is not set while it is listened."""
@@ -137,7 +148,12 @@ class Hearing(ABC):
         graph = self.graph.renamed()
         jump_s = (time.time_ns() - time.monotonic_ns() - self._ahead_ns) / 1e9
         remarks = [f"the clock was set by {jump_s:+.1f} s meanwhile"] if abs(jump_s) > JUMP_S else []
-        remarks += [f"{topic.removeprefix('/')}: {why}" for topic, why in sorted(self._mismatches().items())]
+        alike: dict[str, list[str]] = {}
+        for topic, why in sorted(self._mismatches().items()):
+            alike.setdefault(why, []).append(topic.removeprefix("/"))
+        for why, named in alike.items():
+            more = f" and {len(named) - SHOWN} more" if len(named) > SHOWN else ""
+            remarks.append(f"{', '.join(named[:SHOWN])}{more}: {why}")
         statuses = {
             name: HeardStatus(
                 frozenset(levels),
@@ -179,6 +195,10 @@ class Hearing(ABC):
     def _actions(self) -> dict[str, str]:
         """Return the actions, each with the node that serves it."""
 
+    def _unheard(self) -> Collection[str]:
+        """Return the topics of which not all that there is would be heard now."""
+        return ()
+
     def _mismatches(self) -> Mapping[str, str]:
         """Return the topics of which no message goes from a publisher to a listener, and why."""
         return {}
@@ -205,8 +225,12 @@ class Hearing(ABC):
             if time.monotonic() - looked_s >= LOOK_S:
                 looked_s = time.monotonic()
                 found = await look()
-                for topic in () if found is None else self._found(*found):
-                    await listen(topic)
+                new = [] if found is None else self._found(*found)
+                for first in range(0, len(new), AT_ONCE):
+                    self._left = len(new) - first
+                    await asyncio.gather(*map(listen, new[first : first + AT_ONCE]))
+                    node.read_now()
+                self._left = int(found is None)
             await beat()
         for task in tasks:
             if task.done():
@@ -428,6 +452,7 @@ class Ros1Hearing(Hearing):
         self._uri = uri
         self._keeps: set[str] = set()  # topics of which a publisher keeps the last message,
         self._keeps_not: set[str] = set()  # or one does not
+        self._node: RosNode | None = None
 
     async def _listen(self) -> None:
         from robomend_client.bridges.ros1.liveness import Liveness
@@ -436,7 +461,7 @@ class Ros1Hearing(Hearing):
         from robomend_client.bridges.ros1.xmlrpc import PeerError
 
         own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
-        node = RosNode(NAME, self._uri, own, self.problems, self.now_ns)
+        node = self._node = RosNode(NAME, self._uri, own, self.problems, self.now_ns)
         readers, runs = MessageReaders(), dict[str, bool | None]()
 
         def table(found: dict[str, bool | None]) -> None:
@@ -483,6 +508,13 @@ class Ros1Hearing(Hearing):
 
     def _latched(self) -> Collection[str]:
         return self._keeps - self._keeps_not
+
+    def _unheard(self) -> Collection[str]:
+        return () if self._node is None else self._node.connecting & self.ears.keys()
+
+    def _mismatches(self) -> Mapping[str, str]:
+        why = "no publisher was connected in all that time, so that nothing could be heard"
+        return {topic: why for topic in self._unheard() if not self.ears[topic].count}
 
     def _actions(self) -> dict[str, str]:
         found = {}

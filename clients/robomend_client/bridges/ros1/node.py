@@ -112,6 +112,12 @@ class RosNode:
             topic for topic, one in self._subscriptions.items() if not one.nodes and (one.open or not known)
         }
 
+    @property
+    def connecting(self) -> set[str]:
+        """Topics of which a publisher may be there that is not connected yet."""
+        known = self.known.is_set()
+        return {topic for topic, one in self._subscriptions.items() if one.open or not known}
+
     def publishers(self, topic: str) -> tuple[str, ...]:
         """Return the nodes that publish a topic, as far as they are connected."""
         one = self._subscriptions.get(topic)

@@ -62,7 +62,7 @@ def test_of_nodes_behind_a_split_network_it_is_unknown_whether_they_run_until_it
         complaint = f"ROS 2, the computer {computer.there}: "
 
         def over() -> bool:
-            """Whoever hears nothing for the 2 s because the machine is busy may complain; it ends by itself."""
+            """Who hears nothing for 2 s as the machine is busy may complain; it ends by itself."""
             said = log.read_text()
             return said.count(f"{complaint}processes") == said.count(f"{complaint}well again")
 
