@@ -116,7 +116,7 @@ def test_a_moment_on_a_computer_that_is_starved_again_and_again_is_taken_by_the_
     asyncio.run(moments.close())
     [file] = tmp_path.glob("*.json")
     frame = MomentBody.model_validate_json(file.read_bytes()).frame
-    assert any("is starved" in note or "was starved" in note for note in frame.notes)
+    assert any("is overloaded" in note or "was overloaded" in note for note in frame.notes)
     assert any("nobody looked" in note for note in frame.notes)
 
 

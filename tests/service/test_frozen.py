@@ -87,7 +87,7 @@ def test_a_computer_that_is_starved_is_named_wherever_a_person_looks_and_since_w
             until(lambda: client.robot("tedusar").value["agents"], "the agent", 60)
             with starved(agent.pid):
                 until(since, "that it is starved", 60)
-                words = f"the computer of agent onboard is starved since {since()[11:19]}"
+                words = f"the computer of agent onboard has been overloaded since {since()[11:19]}"
                 robot = client.robot("tedusar").value
                 page = httpx.get(f"{url}/ui/robots/tedusar").text
                 assert run(["status", "tedusar", "--url", url]) in (0, 3)

@@ -611,7 +611,7 @@ def _looked(line: dict[str, Any], at_ns: int) -> str:
         return f"nobody looked for {lapse_s:.1f} s until {seconds(line['lapse'], at_ns):.1f} s"
     if "starved" in line:
         began = "from" if line["starved"] else "until"
-        said = f"this computer was starved {began} {seconds(line['at'], at_ns):.1f} s"
+        said = f"this computer was overloaded {began} {seconds(line['at'], at_ns):.1f} s"
         return f"{said}: what came late then was not called bad"
     return ""
 

@@ -37,7 +37,7 @@ DRAIN_NS, LONGEST_DRAIN_NS = ns(0.02), ns(0.3)
 
 
 STARVED = (
-    "this computer is starved (others want its processors, or this process may not use them): "
+    "this computer is overloaded (others want its processors, or this process may not use them): "
     "what comes late is unknown"
 )
 
@@ -162,7 +162,7 @@ class Watch:
             return
         starved = self._lateness.look(max(0.0, late_s))
         if starved is (self.starved_ns is None):
-            log.info("%s", STARVED if starved else "this computer is starved no more")
+            log.info("%s", STARVED if starved else "this computer is overloaded no more")
             self._read()
             now_ns = self._look()
             self.starved_ns = now_ns if starved else None

@@ -187,8 +187,8 @@ def starved(robot: Robot) -> list[tuple[str, int]]:
 
 
 def starving(agent: str, since_ns: int) -> Told:
-    """Return what people are told of an agent whose computer is starved."""
-    return f"the computer of agent {agent} is starved since ", since_ns, ": what comes late is unknown"
+    """Return what people are told of an agent whose computer is overloaded."""
+    return f"the computer of agent {agent} has been overloaded since ", since_ns, ": what comes late is unknown"
 
 
 def _fallbacks(robot: Robot) -> Iterator[Fallback]:
