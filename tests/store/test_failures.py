@@ -22,7 +22,7 @@ from tests.waiting import eventually
 from robomend.api.store_probe import StoreProbe
 from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
 from robomend.store import Store, Transaction, database, global_stop, observations, robots, writer
-from robomend.store.database import BoundedConnection
+from robomend.store.bounded import BoundedConnection
 
 pytestmark = pytest.mark.anyio
 

@@ -188,7 +188,8 @@ def starved(robot: Robot) -> list[tuple[str, int]]:
 
 def starving(agent: str, since_ns: int) -> Told:
     """Return what people are told of an agent whose computer is overloaded."""
-    return f"the computer of agent {agent} has been overloaded since ", since_ns, ": what comes late is unknown"
+    said = f"the computer of agent {agent} has been overloaded since "
+    return said, since_ns, ": what comes late is unknown"
 
 
 def _fallbacks(robot: Robot) -> Iterator[Fallback]:

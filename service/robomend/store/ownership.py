@@ -248,7 +248,7 @@ class PostgresSession(InstanceSession):
         return 0.0 if silent_ns is None else float(silent_ns) / 1e9
 
     def _hold(self) -> None:
-        from robomend.store.database import BoundedConnection
+        from robomend.store.bounded import BoundedConnection
 
         with BoundedConnection.connect(**self._arguments, autocommit=True) as connection:
             instance = secrets.token_hex(8)
