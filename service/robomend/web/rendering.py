@@ -117,7 +117,6 @@ def _environment() -> Environment:
         marked=marked,
         literal=literal,
         time=time,
-        age=age,
         day=day,
         told=told,
         title=title,
@@ -172,21 +171,19 @@ def literal(text: str) -> Markup:
     return Markup('<bdi class="name">{}</bdi>').format(Markup("<wbr>").join(pieces))
 
 
-def time(time_ns: int | None, aged: bool = False, beside_ns: int | None = None) -> Markup:
+def time(time_ns: int | None, beside_ns: int | None = None) -> Markup:
     """Return a moment by the clock, of another day with the date; in its title how long ago that was.
 
     Args:
-        aged: the page's script shows how long ago it was, and the clock in the title.
         beside_ns: a moment whose day is told already, instead of today.
     """
     if time_ns is None:
         return Markup("–")
     moment = datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC)
-    return Markup('<time datetime="{}" data-ms="{}" title="{} UTC"{}>{}</time>').format(
+    return Markup('<time datetime="{}" data-ms="{}" title="{} UTC">{}</time>').format(
         moment.isoformat(timespec="milliseconds"),
         time_ns // 1_000_000,
         moment.strftime("%Y-%m-%d %H:%M:%S"),
-        Markup(" data-age") if aged else "",
         clock(time_ns, beside_ns or clocks.time_ns()),
     )
 
@@ -194,11 +191,6 @@ def time(time_ns: int | None, aged: bool = False, beside_ns: int | None = None) 
 def day(time_ns: int) -> str:
     """Return the day of a moment, in UTC."""
     return f"{datetime.fromtimestamp(time_ns // 10**9, UTC):%Y-%m-%d}"
-
-
-def age(time_ns: int | None) -> Markup:
-    """Return how long ago something was: for what has to be young."""
-    return time(time_ns, aged=True)
 
 
 def told(words: Told) -> Markup:

@@ -1,4 +1,4 @@
-// What makes the page live: ages that grow, parts that are fetched when an event concerns them, forms that stay
+// What makes the page live: parts that are fetched when an event concerns them, forms that stay
 // where they are. Without it everything works as well, by reloading.
 import { passedMs } from "./clock.js";
 import { Live } from "./live.js";
@@ -19,22 +19,15 @@ function say(text, wrong = false) {
 
 let beganMs = Number(body.dataset.nowMs) - passedMs(); // by the service's clock
 
-/** Write ages by the service's clock: this computer's may be minutes off. */
-function ages() {
-  for (const time of document.querySelectorAll("time[data-age]")) {
-    const text = ago(time);
-    if (time.textContent !== text) time.textContent = text;
-  }
-}
-
 function ago(time) {
   const seconds = Math.round((beganMs + passedMs() - Number(time.dataset.ms)) / 1000);
   return seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
 }
 
-// Of a time that is pointed at, its title says how long ago it was.
+// Of a time that is pointed at, its title says how long ago it was, by the service's clock: this computer's may be
+// minutes off.
 document.addEventListener("pointerover", (event) => {
-  const time = event.target.closest?.("time[data-ms]:not([data-age])");
+  const time = event.target.closest?.("time[data-ms]");
   if (time) time.title = `${ago(time)}, ${time.title.replace(/^.* (ago|in .*), /, "")}`;
 });
 
@@ -47,10 +40,7 @@ function age(seconds) {
 
 whenShown((nowMs) => {
   if (nowMs) beganMs = nowMs - passedMs();
-  ages();
 });
-ages();
-setInterval(ages, 1000);
 
 // --- forms
 
