@@ -53,12 +53,16 @@ def bad(atom: Atom, time_ns: int, since_ns: int = 1, onset_ns: int | None = None
 Test = Callable[[Seen, "asyncio.Task[None]", list[dict[str, Any]]], Awaitable[None]]
 
 
-def reporting(tmp_path: Path, test: Test, heartbeat_s: float = 0.2) -> list[dict[str, Any]]:
+def reporting(
+    tmp_path: Path, test: Test, heartbeat_s: float = 0.2, on_batch: Callable[[], None] = lambda: None
+) -> list[dict[str, Any]]:
     """Run a reporter beside `test`; return the batches that a service, played by a transport, got."""
     got: list[dict[str, Any]] = []
 
-    def answer(request: httpx.Request) -> httpx.Response:
+    async def answer(request: httpx.Request) -> httpx.Response:
+        await asyncio.sleep(0)
         got.append(json.loads(request.content))
+        on_batch()
         return httpx.Response(200, json={"revision": len(got), "changed": []})
 
     async def run() -> None:
@@ -98,6 +102,27 @@ def test_a_change_is_said_at_once_with_its_time_and_evidence(tmp_path: Path) -> 
     assert got[0] == first | {"source": "agent", "lifetime_s": 1, "together": False}
     (change,) = [batch for batch in got if batch["observations"] == ["not ok(scan)"]]
     assert (change["time"], change["since"], change["onset"]) == (60, [55], [54])
+
+
+def test_what_stands_is_said_again_while_changes_come_faster_than_they_are_taken(tmp_path: Path) -> None:
+    times = iter(range(100, 10**9))
+    flapping: list[Seen] = []
+
+    def two_more() -> None:
+        for time_ns, seen in [(next(times), seen) for seen in flapping for _ in range(2)]:
+            seen.say((good if time_ns % 2 else bad)(ODOM, time_ns))
+
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(bad(SCAN, 50))
+        await until(lambda: got)
+        flapping.append(seen)
+        seen.say(bad(ODOM, 51))
+        await until(lambda: sum("not ok(scan)" in batch["observations"] for batch in got) > 4)
+        flapping.clear()
+
+    got = reporting(tmp_path, test, on_batch=two_more)
+    said = [one for batch in got for one in batch["observations"]]
+    assert {"ok(odom)", "not ok(odom)"} <= set(said), "and what changed is said"
 
 
 def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> None:

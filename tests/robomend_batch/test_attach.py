@@ -310,6 +310,7 @@ class Others(ThreadingMixIn, SimpleXMLRPCServer):
     """Nodes that answer the master and others; each connection in a thread: some are kept open."""
 
     daemon_threads = True
+    request_queue_size = 512  # nodes' queues are their own
 
 
 ODD = ("no", "1e3", "null", "a: b", "'q", "#c", "ünder", "- x")

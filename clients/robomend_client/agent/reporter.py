@@ -62,6 +62,7 @@ class VerdictReporter:
         self._standing = standing
         self._pending: deque[list[Change]] = deque(maxlen=MOST_PENDING)
         self._followed: dict[Atom, float] = {}  # what was judged anew, and is bad -> until when
+        self._due_s = 0.0  # when the next heartbeat is, by time.monotonic()
         self._wake = asyncio.Event()
         self._away = False
         self._clock = clock or Clock()
@@ -86,18 +87,18 @@ class VerdictReporter:
         """Send changes as they come and heartbeats in between, for ever."""
         retry = Retry(longest_s=2.0)
         failures = 0
-        due = again = 0.0
+        again = 0.0
         while True:
-            next_s = min(due, again) if self._followed else due
+            next_s = min(self._due_s, again) if self._followed else self._due_s
             wait_s = retry.wait_s(failures, 0.5) if failures else max(0.0, next_s - time.monotonic())
             with contextlib.suppress(TimeoutError):
                 async with timeout(wait_s):
                     await self._wake.wait()
             self._wake.clear()
             arrived = await self._send_pending()
-            if arrived and (failures or time.monotonic() >= due):
+            if arrived and (failures or time.monotonic() >= self._due_s):
                 arrived = await self._heartbeat()
-                due = time.monotonic() + self._heartbeat_s
+                self._due_s = time.monotonic() + self._heartbeat_s
             elif arrived and self._followed and time.monotonic() >= again:
                 arrived = await self._say_again(self._still_bad())
                 again = time.monotonic() + CLOSELY_S
@@ -116,17 +117,24 @@ class VerdictReporter:
     async def flush(self) -> None:
         """Send, or keep on the disk, what is pending: the agent is ending."""
         await self._send_pending()
+        while self._pending:
+            await self._send_pending()
 
     async def _send_pending(self) -> bool:
         arrived = await self._outbox.flush()
         while self._pending:
             changes = self._pending.popleft()
-            # Of an atom that changed twice at one time, the last counts.
+            # Changes that come faster than they are taken must not keep heartbeats from being sent for ever.
+            overdue = 0 < self._due_s < time.monotonic()
+            if overdue:
+                while self._pending and self._pending[0][0].settled == changes[0].settled:
+                    changes += self._pending.popleft()
+            # Of an atom that changed twice, the last counts.
             newest = tuple({change.atom: change for change in changes}.values())
             said = [change for change in newest if change.value is not None]
             literals = [change.value for change in said if change.value is not None]
             batch: dict[str, Any] = {
-                "time_ns": changes[0].time_ns,
+                "time_ns": max(change.time_ns for change in changes),
                 "source": self._source,
                 "lifetime_s": self._lifetime_s,
                 "evidence": evidence(
@@ -139,6 +147,8 @@ class VerdictReporter:
                 arrived = await self._outbox.observe(literals, **batch)
             else:  # straight to the disk: a service that hangs must not be waited for once per batch
                 self._outbox.put(literals, **batch)
+            if overdue:
+                break
         return arrived
 
     def _still_bad(self) -> list[Verdict]:
