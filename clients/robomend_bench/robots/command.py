@@ -19,7 +19,7 @@ from typing import Any
 import click
 
 from robomend_bench.parts import Figures, only, report
-from robomend_bench.robots import live, power, ros, ros1, ros2
+from robomend_bench.robots import live, power, ros
 from robomend_bench.service.process import served
 from robomend_client.observers import (
     SECOND,
@@ -133,16 +133,16 @@ def _live(wish: dict[str, Any]) -> Figures:
             }
 
 
-def _ros(check: Callable[[], object], make: Callable[..., ros.RosRig], wish: dict[str, Any]) -> Figures:
+def _ros(which: ros.Ros, wish: dict[str, Any]) -> Figures:
     """Measure an agent on a real robot with this ROS."""
     try:
-        check()
+        which.python()
     except ros.NoRos as error:
         return {"missing": str(error)}
     found: Figures = {}
     with served() as service, tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
-        rig = make(service.url, Path(folder), min(5, wish["nodes"]), 10)
-        field = {"x": {"kind": "qualitative", "from": rig.origin, "source": "node0_topic0:data"}}
+        rig = ros.RosRig(service.url, Path(folder), min(5, wish["nodes"]), 10, which)
+        field = {"x": {"kind": "qualitative", "from": which.origin, "source": "node0_topic0:data"}}
         with rig.robot() as section:
             for what, observers in (("fields", field), ("raw", {})):
                 with rig.watched(section, observers) as agent:
@@ -155,14 +155,10 @@ def _ros(check: Callable[[], object], make: Callable[..., ros.RosRig], wish: dic
     return found
 
 
-def _power(
-    check: Callable[[], object],
-    network: Callable[[Path, ExitStack], ros.RosNetwork],
-    wish: dict[str, Any],
-) -> Figures:
+def _power(which: ros.Ros, wish: dict[str, Any]) -> Figures:
     """Play the paper's scenarios, each time on a robot and a service of its own."""
     try:
-        check()
+        which.python()
     except ros.NoRos as error:
         return {"missing": str(error)}
     up, down = [], []
@@ -170,7 +166,7 @@ def _power(
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robomend-bench-")))
             service = stack.enter_context(served())
-            rig = power.PowerRig(service.url, folder, network(folder, stack), stack)
+            rig = power.PowerRig(service.url, folder, which, stack)
             stack.enter_context(rig.agent())
             up.append(rig.power_up_s())
             down.append(rig.shut_down_s())
@@ -182,10 +178,10 @@ PARTS: dict[str, Callable[[dict[str, Any]], Figures]] = {
     "silence": _silence,
     "alarms": _alarms,
     "live": _live,
-    "ros1": partial(_ros, ros1.check, ros1.Ros1Rig),
-    "ros2": partial(_ros, ros2.python, ros2.Ros2Rig),
-    "ros1-power": partial(_power, ros1.check, ros1.network),
-    "ros2-power": partial(_power, ros2.python, ros2.network),
+    "ros1": partial(_ros, ros.ROS1),
+    "ros2": partial(_ros, ros.ROS2),
+    "ros1-power": partial(_power, ros.ROS1),
+    "ros2-power": partial(_power, ros.ROS2),
 }
 
 

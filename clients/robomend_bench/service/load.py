@@ -160,7 +160,8 @@ class _Run:
     diagnosed: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
     errors: Counter[str] = field(default_factory=Counter)
-    open: int = 0  # requests without an answer
+    busy: Counter[str] = field(default_factory=Counter)  # robot -> requests without an answer
+    not_sent: int = 0
     waiting: dict[bytes, deque[tuple[int, float]]] = field(default_factory=lambda: defaultdict(deque))
     """Of each robot the accepted changes without a diagnosis: revision, when it was due."""
     told: dict[bytes, deque[tuple[int, float]]] = field(default_factory=lambda: defaultdict(deque))
@@ -171,11 +172,11 @@ class _Run:
     def send(self, robot: SimulatedRobot, connection: Connection, due: float) -> None:
         """Send a change of a robot that was due then."""
         said, name = robot.change(), robot.name.encode()
-        self.open += 1
+        self.busy[robot.name] += 1
         self.late.append(time.perf_counter() - due)
 
         def answered(status: int, _: bytes) -> None:
-            self.open -= 1
+            self.busy[robot.name] -= 1
             self.news.set()
             took = time.perf_counter() - due
             if status == 200:
@@ -211,14 +212,24 @@ class _Run:
     async def finish(self) -> None:
         """Wait for what is under way, but not for long."""
         deadline = time.perf_counter() + LEFT_S
-        while (self.open or any(self.waiting.values())) and time.perf_counter() < deadline:
+        while (self.busy.total() or any(self.waiting.values())) and time.perf_counter() < deadline:
             await asyncio.sleep(0.02)
 
 
 async def run_fleet(
-    url: str, robots: list[SimulatedRobot], *, rate_hz: float, seconds: float, seed: int
+    url: str,
+    robots: list[SimulatedRobot],
+    *,
+    rate_hz: float,
+    seconds: float,
+    seed: int,
+    queue: bool = True,
 ) -> Figures:
-    """Let prepared robots post `rate_hz` changes a second each, and return what came of it."""
+    """Let prepared robots post `rate_hz` changes a second each, and return what came of it.
+
+    Without `queue` nothing is sent that is due while the robot's request before is under way, and times count
+    from the sending.
+    """
     run = _Run()
     stream = await follow(url, run.event)
     connections = [await connect(url) for _ in robots]
@@ -233,7 +244,13 @@ async def run_fleet(
                 await asyncio.sleep(left)
             if number % 50 == 0:
                 await asyncio.sleep(0)  # the answers are read, however late we are
-            run.send(robots[index], connections[index], due)
+            robot = robots[index]
+            if queue:
+                run.send(robot, connections[index], due)
+            elif run.busy[robot.name]:
+                run.not_sent += 1
+            else:
+                run.send(robot, connections[index], time.perf_counter())
     await run.finish()
     took = time.perf_counter() - began
     asker = await connect(url)
@@ -245,6 +262,7 @@ async def run_fleet(
         "robots": len(robots),
         "asked_per_s": round(len(robots) * rate_hz, 1),
         "due": turns * len(robots),
+        "not_sent": run.not_sent,
         "accepted_per_s": round(len(run.acknowledged) / max(took, seconds), 1),
         "errors": dict(run.errors),
         "lost": lost,  # robots whose state is not what was accepted, with the difference
@@ -268,7 +286,7 @@ async def run_single(url: str, *, changes: int, pause_s: float, seed: int) -> Fi
         run.news.clear()
         run.send(robot, connection, time.perf_counter())
         async with asyncio.timeout(LEFT_S):
-            while run.open or any(run.waiting.values()):
+            while run.busy.total() or any(run.waiting.values()):
                 await run.news.wait()
                 run.news.clear()
         await asyncio.sleep(pause_s)
@@ -342,7 +360,7 @@ async def run_overload(url: str, *, robots: int, seconds: float, writers: int, s
     await prepare(url, fleet)
     rate_hz = OVERLOAD * closed["per_s"] / robots
     with beside(operator, url, "", LOOKS) as seen:
-        found = await run_fleet(url, fleet, rate_hz=rate_hz, seconds=seconds, seed=seed)
+        found = await run_fleet(url, fleet, rate_hz=rate_hz, seconds=seconds, seed=seed, queue=False)
     found["errors"].pop("503", None)  # as it should be
     errors = found["errors"] | dict(Counter(seen["errors"]))
     return found | {"sustainable_per_s": closed["per_s"], "errors": errors, "operator": seen["times"]}
