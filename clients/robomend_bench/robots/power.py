@@ -107,7 +107,7 @@ class PowerRig(Watcher):
         self._control_port = int(opened["control_port"])
         devices = folder / "devices.json"
         channels = {name: {"channel": device.channel} for name, device in model.hardware.items()}
-        devices.write_text(json.dumps({"rate_hz": RATE_HZ, "boot_s": 0, "devices": channels}))
+        devices.write_text(json.dumps({"rate_hz": RATE_HZ, "devices": channels}))
         control = ["--config", str(devices), "--control", f"127.0.0.1:{self._control_port}"]
         there = json.loads(line(started([*module, "robomend_demo.devices", *control], os.environ, stack)))
         self._devices: dict[str, str] = there["devices"]
