@@ -111,14 +111,14 @@ def body(observations: list[str]) -> bytes:
     return json.dumps({"observations": observations}).encode()
 
 
-async def prepare(url: str, robots: list[SimulatedRobot], *, policy: str = "observe") -> None:
+async def prepare(url: str, robots: list[SimulatedRobot]) -> None:
     """Store the model and the robots, each sound, over a few connections."""
     connections = [await connect(url) for _ in range(16)]
     await connections[0].api("PUT", f"/models/{MODEL}", {"source": model_text()})
 
     async def some(connection: Connection, mine: list[SimulatedRobot]) -> None:
         for robot in mine:
-            await connection.api("PUT", f"/robots/{robot.name}", {"model": MODEL, "policy": policy})
+            await connection.api("PUT", f"/robots/{robot.name}", {"model": MODEL, "policy": "observe"})
             path, sound = f"/robots/{robot.name}/observations", {"observations": robot.sound()}
             # A database that is used again knows the robot: its revisions go on.
             robot.is_at((await connection.api("POST", path, sound))["revision"])
