@@ -34,9 +34,9 @@ from tests.robomend_batch.recordings import steady, write
 from tests.robomend_board.processes import running as board_running
 from tests.waiting import until
 
+from robomend.api.routers.session import SignInBody
 from robomend.api.schemas.observations import OBSERVATIONS
 from robomend.api.schemas.robots import RobotBody
-from robomend.api.schemas.session import SignInBody
 from robomend.cli.commands import run
 from robomend.planning.domain.loading import load_domain
 from robomend.settings import load as load_settings

@@ -38,10 +38,10 @@ Over the five intervals that make a topic ok, one message that is 60 ms late alr
 """
 
 
-def devices_config(model: ComponentModel, boot_s: float = 0.0) -> dict[str, Any]:
+def devices_config(model: ComponentModel) -> dict[str, Any]:
     """Return the configuration of devices.py: every hardware of the model, with its channel."""
     devices = {name: {"channel": hardware.channel} for name, hardware in model.hardware.items()}
-    return {"rate_hz": RATE_HZ, "boot_s": boot_s, "devices": devices}
+    return {"rate_hz": RATE_HZ, "devices": devices}
 
 
 def nodes_config(model: ComponentModel, addresses: dict[str, str], startup_s: float = 0.2) -> dict[str, Any]:
@@ -62,7 +62,6 @@ def agent_config(
     service_url: str,
     nodes_file: Path,
     state_dir: Path,
-    agent: str = "onboard",
     start_nodes: bool = False,
     spares: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
@@ -79,7 +78,7 @@ def agent_config(
     actions = {"switch_to_spare": _switch(nodes_file, spares)} if spares else {}
     return {
         "robot": robot,
-        "agent": agent,
+        "agent": "onboard",
         "service": {"url": service_url},
         "state_dir": str(state_dir),
         "report": {"heartbeat_s": 1.0, "lifetime_s": 5.0},

@@ -7,7 +7,7 @@
 
     python -m robomend_demo.devices --config FILE [--control HOST:PORT] [--end-with-parent]
 
-The file is JSON: {"rate_hz": 10, "boot_s": 0, "devices": {"jaguar": {"channel": 7}, "imu": {}}}. A device
+The file is JSON: {"rate_hz": 10, "devices": {"jaguar": {"channel": 7}, "imu": {}}}. A device
 without a channel (imu, joystick) always has power. When it is ready the process prints one line of JSON,
 {"ready": true, "pid": …, "fault_port": 40122, "devices": {"jaguar": "127.0.0.1:40123", …}}; each device keeps
 its address for as long as the process lives. Readings are lines of JSON, {"device": "jaguar", "seq": 7,
@@ -58,14 +58,13 @@ class DeviceFault(StrEnum):
 class Device:
     """One device with a fixed address on loopback."""
 
-    def __init__(self, name: str, channel: int | None, rate_hz: float, boot_s: float) -> None:
+    def __init__(self, name: str, channel: int | None, rate_hz: float) -> None:
         self.name = name
         self.channel = channel
         self.powered = False
         self.fault = DeviceFault.NONE
         self.listening = asyncio.Event()
         self._period_s = 1.0 / rate_hz
-        self._boot_s = boot_s
         self._connections: set[_Connection] = set()
         self._on: asyncio.Task[None] | None = None
         # Bound and never listening: it keeps the port ours while the device is off, and connecting to it is
@@ -99,7 +98,6 @@ class Device:
         self._holder.close()
 
     async def _live(self) -> None:
-        await asyncio.sleep(self._boot_s)
         loop = asyncio.get_running_loop()
         server = await loop.create_server(lambda: _Connection(self._connections), sock=_bound(self.port))
         self.listening.set()
@@ -166,12 +164,9 @@ class Devices:
 
     @classmethod
     def of(cls, config: dict[str, Any]) -> Devices:
-        rate_hz, boot_s = float(config.get("rate_hz", 10.0)), float(config.get("boot_s", 0.0))
+        rate_hz = float(config.get("rate_hz", 10.0))
         return cls(
-            {
-                name: Device(name, entry.get("channel"), rate_hz, boot_s)
-                for name, entry in config["devices"].items()
-            }
+            {name: Device(name, entry.get("channel"), rate_hz) for name, entry in config["devices"].items()}
         )
 
     def power_channel(self, channel: int, on: bool) -> None:

@@ -13,7 +13,7 @@ from tests.api.test_timestamps import answered, each_is_told
 from tests.waiting import until
 
 from robomend.api.routers.history import HistoryLine
-from robomend.api.schemas.plans import ChoiceOut
+from robomend.api.schemas.repair import ChoiceOut
 from robomend.api.schemas.repair_record import RepairOut
 from robomend.repairs.states import RepairState
 from robomend.settings import Settings

@@ -13,7 +13,7 @@ from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
 from robomend.model.checking import check
-from robomend.model.from_graph import first_model, model_from_graph, rests, steady, tighter
+from robomend.model.from_graph import first_model, rests, steady, tighter
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend_client.literals import Literal, fails, holds
@@ -87,13 +87,13 @@ nodes:
 
 
 def test_the_model_of_a_small_robot() -> None:
-    assert model_from_graph(ROBOT, "tedusar", "the master at http://localhost:11311") == MODEL
+    assert first_model(Heard(ROBOT, "the master at http://localhost:11311"), "tedusar").text == MODEL
 
 
 def test_a_graph_without_a_node_of_the_robots_own_is_refused() -> None:
     graph = RosGraph({"/rosout": frozenset({"/rosout"})})
     with pytest.raises(InputError, match=r"nowhere: .* no node of the robot.s own, only tools .*: /rosout"):
-        model_from_graph(graph, "r", "nowhere")
+        first_model(Heard(graph, "nowhere"), "r")
 
 
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=12)
@@ -108,7 +108,7 @@ def test_odd_names_make_no_odd_yaml(
 ) -> None:
     publishers = {**publishers, "/scan": frozenset({"/laser"})}
     graph = RosGraph(publishers, subscribers, types=dict.fromkeys(publishers, kinds))
-    load_text(model_from_graph(graph, "r", kinds))
+    load_text(first_model(Heard(graph, kinds), "r").text)
 
 
 # --- what was heard ---------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ The logs are the states of a random robot as Parquet, and a recording with messa
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import struct
@@ -28,9 +27,7 @@ from mcap.writer import Writer
 from robomend.errors import BackendError
 from robomend_bench.batch import drives, edited, learning
 from robomend_bench.generator import make_robot
-from robomend_bench.parts import only
-from robomend_bench.service.process import load_of_others, processors
-from robomend_client.counts import counted
+from robomend_bench.parts import Figures, only, report
 from robomend_client.observers.base import SECOND
 
 COMPONENTS, SENSORS = 50, 20
@@ -157,11 +154,6 @@ def write_recording(file: Path, megabytes: int) -> int:
     return count
 
 
-Row = tuple[str, str, str]
-"""What was measured, what came out, the goal."""
-
-Measured = tuple[dict[str, Any], list[Row]]
-
 COMMAND = [sys.executable, "-c", "from robomend_batch.main import main; main()"]
 READ_ALL = (
     "import sys; from pathlib import Path; from rosbags.highlevel import AnyReader\n"
@@ -226,24 +218,22 @@ def median(measure: Callable[[], tuple[float, float]], repeats: int) -> tuple[fl
     return sorted(seconds for seconds, _ in found)[repeats // 2], max(megabytes for _, megabytes in found)
 
 
-def _literals(wish: dict[str, Any], folder: Path) -> Measured:
+def _literals(wish: dict[str, Any], folder: Path) -> Figures:
     model = folder / "model.yaml"
     atoms = write_model(model, wish["seed"])
-    found, rows = {}, []
+    found = {}
     count = wish["rows"]
-    for share, goal in ((0.001, "2 M; stretch 4 M"), (0.01, "500,000; stretch 1 M")):
+    for share in (0.001, 0.01):
         log = folder / "states.parquet"
         write_states(log, atoms, count, max(1, round(count * share)), wish["seed"])
         seconds, megabytes = median(
             partial(batch, wish["clock"], folder, model, [log], *ONCE), wish["repeats"]
         )
         found[f"{share:.1%}"] = {"rows_s": round(count / seconds), "mb": round(megabytes)}
-        what = f"Parquet, 50 components, 20 sensors, {count:,} rows, {share:.1%} distinct, rows/s"
-        rows.append((what, f"{count / seconds:,.0f} ({megabytes:.0f} MB)", goal))
-    return found, rows
+    return found
 
 
-def _distinct(wish: dict[str, Any], folder: Path) -> Measured:
+def _distinct(wish: dict[str, Any], folder: Path) -> Figures:
     model = folder / "model.yaml"
     atoms = write_model(model, wish["seed"])
     count = min(wish["rows"] // 100, 100_000)
@@ -252,12 +242,10 @@ def _distinct(wish: dict[str, Any], folder: Path) -> Measured:
     seconds, megabytes = median(
         partial(batch, wish["clock"], folder, model, [log], *ONCE, "--limit", "0"), wish["repeats"]
     )
-    what = f"{count:,} rows all distinct, each with all its diagnoses, rows/s"
-    shown = f"{count / seconds:,.0f} ({megabytes:.0f} MB)"
-    return {"rows_s": round(count / seconds)}, [(what, shown, "8,000; stretch 20,000")]
+    return {"rows_s": round(count / seconds), "mb": round(megabytes)}
 
 
-def _recording(wish: dict[str, Any], folder: Path) -> Measured:
+def _recording(wish: dict[str, Any], folder: Path) -> Figures:
     model, rates, both = (folder / name for name in ("robot.yaml", "rates.yaml", "both.yaml"))
     nodes = "".join(f"  node{n}: {{publishes: {{state{n}: []}}}}\n" for n in range(5))
     properties = "properties: {state3_value: {}, state4_value: {}}\n"
@@ -278,19 +266,18 @@ def _recording(wish: dict[str, Any], folder: Path) -> Measured:
     both_s, megabytes = with_observers(log, both)
     raw = [sys.executable, "-c", READ_ALL, str(log)]
     raw_s, _ = median(partial(took, raw, clock), repeats)
-    size = f".mcap of {wish['megabytes']:,} MB, {count:,} messages"
-    share = raw_s / both_s
-    found = {"start_s": start_s, "index_s": index_s - start_s, "share": share, "mb": round(megabytes)}
-    shown = f"{share:.0%}: {both_s:.2f} s, rosbags {raw_s:.2f} s; {megabytes:.0f} MB"
-    index = f"{index_s - start_s:.2f} s (start-up {start_s:.2f} s)"
-    against = "3 rate and 2 value observers, same file, against rosbags reading all of it"
-    return found, [
-        (f"rate and silence of 3 topics, {size}", index, "1 s; 0.3 s"),
-        (against, shown, "80 %, 300 MB; 120 %"),
-    ]
+    return {
+        "messages": count,
+        "start_s": round(start_s, 2),
+        "index_s": round(index_s - start_s, 2),
+        "both_s": round(both_s, 2),
+        "rosbags_s": round(raw_s, 2),
+        "share": round(raw_s / both_s, 3),
+        "mb": round(megabytes),
+    }
 
 
-def _workers(wish: dict[str, Any], folder: Path) -> Measured:
+def _workers(wish: dict[str, Any], folder: Path) -> Figures:
     model = folder / "model.yaml"
     atoms = write_model(model, wish["seed"])
     count = wish["rows"]
@@ -303,15 +290,12 @@ def _workers(wish: dict[str, Any], folder: Path) -> Measured:
         with on_cores(int(workers)):  # a worker alone would use the other core too, for a part
             found[workers], _ = median(measured, wish["repeats"])
     ratio = found["1"] / found["2"]
-    shown = f"{ratio:.2f}× ({found['1']:.1f} s, {found['2']:.1f} s)"
-    if wish["clock"] == "cpu":  # both cores at work: what the second worker costs beside is lost
+    if wish["clock"] == "cpu":  # both cores at work, at most: what the second worker costs beside is lost
         ratio *= 2
-        shown = f"{ratio:.2f}× at most, by processor time ({found['1']:.1f} s, {found['2']:.1f} s)"
-    what = f"two workers on two cores against one on one, {len(logs)} logs of {count:,} rows, 1.0% distinct"
-    return {"ratio": ratio}, [(what, shown, "1.7×; 1.9×")]
+    return {"ratio": round(ratio, 2), "seconds": found}
 
 
-def _memory(wish: dict[str, Any], folder: Path) -> Measured:
+def _memory(wish: dict[str, Any], folder: Path) -> Figures:
     model = folder / "model.yaml"
     atoms = write_model(model, wish["seed"])
     found = {}
@@ -319,58 +303,27 @@ def _memory(wish: dict[str, Any], folder: Path) -> Measured:
         log = folder / "long.parquet"
         write_states(log, atoms, count, 1000, wish["seed"])
         _, found[f"{count:,}"] = batch("wall", folder, model, [log], "--workers", "0")
-    shown = "; ".join(f"{count} rows {megabytes:.0f} MB" for count, megabytes in found.items())
-    return found, [("memory, one log", shown, "flat, under 500 MB")]
+    return {f"{rows} rows, MB": round(megabytes) for rows, megabytes in found.items()}
 
 
-def _learn(wish: dict[str, Any], folder: Path) -> Measured:
+def _learn(wish: dict[str, Any], folder: Path) -> Figures:
     first = wish["seed"]
-    score = learning.measure(COMMAND, folder, range(first, first + wish["robots"]), wish["minutes"])
-    planted, found, alone = (counts.total() for counts in (score.planted, score.found, score.alone))
-    delays = sorted(score.delays_s)
-    robots = f"{counted(score.robots, 'robot')}, learned from {wish['minutes']:g} min of each"
-    shown = f"{found} of {planted} ({found / max(planted, 1):.1%}), {alone} of them as the one diagnosis"
-    if delays:
-        shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"
-    false = f"{score.false_alarms}; {score.stray} more beside planted faults"
-    return score.json(), [
-        (f"false alarms in {score.held_h:.1f} h of other healthy drives, {robots}", false, "1 in 10 h; 0"),
-        ("planted faults found in their time, their component a suspect", shown, "95 %; 99 %"),
-    ]
+    return learning.measure(COMMAND, folder, range(first, first + wish["robots"]), wish["minutes"]).json()
 
 
-def _edited(wish: dict[str, Any], folder: Path) -> Measured:
+def _edited(wish: dict[str, Any], folder: Path) -> Figures:
     first = wish["seed"]
     if wish["bags"] is None:
         seeds, length_s = range(first, first + min(wish["robots"], 2)), 60 * wish["minutes"]
         bags = [
             drives.write(folder / f"drive{seed}.bag", drives.robot(seed), seed, length_s) for seed in seeds
         ]
-        whose = f"{len(bags)} drives of the bench's own"
     else:
         bags = sorted(wish["bags"].glob("*.bag"))
-        whose = f"{len(bags)} recordings"
-    found = edited.measure(COMMAND, folder, bags)
-    delays = sorted(found.delays_s)
-    shown = f"{edited.counts(found.told, found.tellable)}; of all {edited.counts(found.found, found.planted)}"
-    if delays:
-        shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"
-    false = ", ".join(f"{found.false_alarms[kind]} {kind}" for kind in ("learned", "by hand"))
-    if found.refused:
-        whose += f", {len(found.refused)} of which nothing is learned from"
-    whose = f"{found.unedited_s / 60:.1f} min of {whose}"
-    return found.json(), [
-        (f"false alarms in {whose}, as they are", false, "counted and shown"),
-        (
-            "faults put in by editing that the healthy part allows to tell, told in their time, their node a "
-            "suspect",
-            shown,
-            "95 %",
-        ),
-    ]
+    return edited.measure(COMMAND, folder, bags).json()
 
 
-PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
+PARTS: dict[str, Callable[[dict[str, Any], Path], Figures]] = {
     "literals": _literals,
     "distinct": _distinct,
     "recording": _recording,
@@ -412,17 +365,9 @@ def command(parts: tuple[str, ...], output: str, **wish: Any) -> None:
     robomend-bench batch --only learn --robots 4 --seed 5
     robomend-bench batch --only edited --bags healthy/
     """
-    results: dict[str, dict[str, Any]] = {}
-    rows: list[Row] = []
-    for part in parts:
-        click.echo(f"measuring: {part}", err=True)
+
+    def measure(part: str) -> Figures:
         with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
-            results[part], more = PARTS[part](wish, Path(folder))
-        rows += more
-    if output == "json":
-        click.echo(json.dumps(results, indent=1))
-        return
-    click.echo(f"{wish['clock']} clock, {processors()} cores, load {load_of_others():.1f}\n")
-    click.echo("| what | measured | goal |\n|---|---|---|")
-    for what, measured, goal in rows:
-        click.echo(f"| {what} | {measured} | {goal} |")
+            return PARTS[part](wish, Path(folder))
+
+    report(parts, measure, output)

@@ -524,11 +524,6 @@ def _numbers(messages: Sequence[Message]) -> Iterator[tuple[str, np.ndarray[Any,
         return
 
 
-def counts(of: Counter[str], planted: Counter[str]) -> str:
-    """Return how many of each kind: `dropped 3 of 3, thinned 2 of 3`."""
-    return ", ".join(f"{kind} {of[kind]} of {planted[kind]}" for kind in EDITS if planted[kind])
-
-
 def _run(line: list[str]) -> None:
     done = subprocess.run(line, capture_output=True, text=True, timeout=1800, check=False)
     if done.returncode:

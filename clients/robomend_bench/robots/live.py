@@ -15,8 +15,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,23 @@ class Watcher:
             at_ns = int(event.data.get("accepted_ns") or event.time_ns)
         return at_ns
 
+    @contextmanager
+    def running(
+        self, folder: Path, settings: Mapping[str, Any], known: dict[str, bool]
+    ) -> Iterator[subprocess.Popen[bytes]]:
+        """Run an agent until the service holds this, and go on; it is gone afterwards."""
+        file = folder / "agent.yaml"
+        file.write_text(json.dumps({"state_dir": str(folder / "state"), **settings}))
+        with (folder / "agent.log").open("wb") as log:
+            command = [sys.executable, "-m", "robomend_client.agent.main", str(file)]
+            process = subprocess.Popen(command, stderr=log)
+        try:
+            self.told(known)
+            yield process
+        finally:
+            process.terminate()
+            process.wait(WITHIN_S)
+
     def _next(self, deadline: float) -> Event | None:
         """Return the next event, what it says of observations noted; None: there was none by then."""
         try:
@@ -109,34 +126,16 @@ class Rig(Watcher):
         self.client.put_robot("bench", {"model": "bench", "policy": "observe"})
         self.listen()
 
-    @contextmanager
-    def agent(self) -> Iterator[subprocess.Popen[bytes]]:
+    def agent(self) -> AbstractContextManager[subprocess.Popen[bytes]]:
         """Run the agent with all nodes until they are known to run."""
-        file = self._folder / "agent.yaml"
-        file.write_text(
-            json.dumps(
-                {
-                    "robot": "bench",
-                    "service": {"url": self._url},
-                    "state_dir": str(self._folder / "state"),
-                    "bus": {"listen": self._bus},
-                    "topics": {f"{node}_topic": {"first_s": 86400} for node in self._nodes},
-                    "processes": {
-                        node: {"command": ["sleep", "86400"], "start": True} for node in self._nodes
-                    },
-                }
-            )
-        )
-        with (self._folder / "agent.log").open("wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "robomend_client.agent.main", str(file)], stderr=log
-            )
-        try:
-            self.told({f"running({node})": True for node in self._nodes})
-            yield process
-        finally:
-            process.terminate()
-            process.wait(WITHIN_S)
+        settings = {
+            "robot": "bench",
+            "service": {"url": self._url},
+            "bus": {"listen": self._bus},
+            "topics": {f"{node}_topic": {"first_s": 86400} for node in self._nodes},
+            "processes": {node: {"command": ["sleep", "86400"], "start": True} for node in self._nodes},
+        }
+        return self.running(self._folder, settings, {f"running({node})": True for node in self._nodes})
 
     def killed_s(self, agent: subprocess.Popen[bytes], seed: int) -> list[float]:
         """Kill each node, one after another; return the times until the service knew, sorted."""

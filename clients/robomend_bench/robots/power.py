@@ -19,8 +19,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
 from robomend.resources import resource
 from robomend_bench.robots.live import WITHIN_S, NotTold, Watcher
-from robomend_bench.robots.ros import RosNetwork, line, started
+from robomend_bench.robots.ros import Ros, line, started
 from robomend_client.events import Kind
 
 MODEL = "tedusar.yaml"
@@ -91,7 +91,7 @@ spin()
 class PowerRig(Watcher):
     """The paper's robot, all of it off, and who listens to the service."""
 
-    def __init__(self, url: str, folder: Path, network: RosNetwork, stack: ExitStack) -> None:
+    def __init__(self, url: str, folder: Path, ros: Ros, stack: ExitStack) -> None:
         """Start board and devices, which end with the stack, and tell the service of the robot."""
         super().__init__(url, "tedusar", Kind.REPAIR)
         file = resource("examples", MODEL)
@@ -100,14 +100,14 @@ class PowerRig(Watcher):
         self.model: ComponentModel = model
         self._url = url
         self._folder = folder
-        self._network = network
+        self._ros, self._network = ros, ros.network(folder, stack)
         module = [sys.executable, "-m"]
         ports = ["--port", "0", "--control-port", "0", "--on", str(COMPUTER)]
         opened = json.loads(line(started([*module, "robomend_board.main", *ports], os.environ, stack)))
         self._control_port = int(opened["control_port"])
         devices = folder / "devices.json"
         channels = {name: {"channel": device.channel} for name, device in model.hardware.items()}
-        devices.write_text(json.dumps({"rate_hz": RATE_HZ, "boot_s": 0, "devices": channels}))
+        devices.write_text(json.dumps({"rate_hz": RATE_HZ, "devices": channels}))
         control = ["--config", str(devices), "--control", f"127.0.0.1:{self._control_port}"]
         there = json.loads(line(started([*module, "robomend_demo.devices", *control], os.environ, stack)))
         self._devices: dict[str, str] = there["devices"]
@@ -123,20 +123,10 @@ class PowerRig(Watcher):
         self._version = self.client.put_robot("tedusar", {**self._config, "policy": "observe"}).version
         self.listen()
 
-    @contextmanager
-    def agent(self) -> Iterator[subprocess.Popen[bytes]]:
+    def agent(self) -> AbstractContextManager[subprocess.Popen[bytes]]:
         """Run the agent; it is known then that no node runs."""
-        file = self._folder / "agent.yaml"
-        file.write_text(json.dumps(self._settings()))
-        with (self._folder / "agent.log").open("wb") as log:
-            command = [sys.executable, "-m", "robomend_client.agent.main", str(file)]
-            process = subprocess.Popen(command, stderr=log)
-        try:
-            self.told({f"running({node})": False for node in self.model.nodes})
-            yield process
-        finally:
-            process.terminate()
-            process.wait(WITHIN_S)
+        off = {f"running({node})": False for node in self.model.nodes}
+        return self.running(self._folder, self._settings(), off)
 
     def power_up_s(self) -> float:
         """Entrust the robot to the service; return how long it took until it was repaired."""
@@ -179,12 +169,11 @@ class PowerRig(Watcher):
 
     def _settings(self) -> Mapping[str, Any]:
         """Return the agent's file."""
-        origin = self._network.origin
+        origin = self._ros.origin
         watched = {"rate_hz": RATE_HZ, "tolerance_hz": TOLERANCE_HZ}
         return {
             "robot": "tedusar",
             "service": {"url": self._url},
-            "state_dir": str(self._folder / "state"),
             "bus": {"listen": "tcp:127.0.0.1:0"},
             origin: self._network.section,
             "rate": {"from": origin},
@@ -202,7 +191,7 @@ class PowerRig(Watcher):
             key: value for key, value in self._network.environment.items() if os.environ.get(key) != value
         }
         return {
-            "command": [self._network.python, "-c", self._network.words + NODE, name, json.dumps(spec)],
+            "command": [self._network.python, "-c", self._ros.words + NODE, name, json.dumps(spec)],
             "environment": changed,
             "ready": "notify",
             "start_timeout_s": 30,

@@ -3,9 +3,6 @@
     viewer, robot and operator keys ── 20 clients, one hostile request after another ──► the service
     operator ── GET /healthz, GET /readyz, POST and DELETE /stop, 20 a second ─────────► how long each takes
 
-    python -m robomend_bench.service.attack attackers URL CLIENTS SEED < keys.json     until its input ends
-    python -m robomend_bench.service.attack operator URL LOOKS < key.json
-
 What the operator sees alone is measured first. Attackers are a process of their own, of low priority: they
 sit on other machines, and take no processor time from the service but by what they ask of it. So is an
 operator beside a load: in the generator's process it would also measure how busy that one is. Each third of
@@ -17,8 +14,10 @@ from __future__ import annotations
 import http.client
 import itertools
 import json
+import multiprocessing
 import os
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -26,41 +25,46 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 
-from robomend_bench.service.process import Latency, Served, model_text
+from robomend_bench.parts import Figures
+from robomend_bench.service.process import Served, latency, model_text
 from robomend_bench.service.wire import address
 
 
 @contextmanager
-def beside(program: str, *arguments: str, told: object) -> Iterator[dict[str, Any]]:
-    """Run one of `PROGRAMS` beside it while the block runs: in one process they would measure each other.
+def beside(work: Callable[..., Figures], *arguments: object) -> Iterator[Figures]:
+    """Let this work run in a process of its own while the block runs; the figures come after it.
 
-    It gets a line of JSON, says that it begins, and goes on until its input ends. What it says then, as JSON,
-    the dictionary has after the block.
+    `work` gets these arguments and an event that is set when it has to end.
     """
-    line = [sys.executable, "-m", "robomend_bench.service.attack", program, *arguments]
-    with subprocess.Popen(
-        line,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        process_group=0,  # Ctrl-C is for the bench, which ends it
-    ) as running:
-        assert running.stdin is not None
-        assert running.stdout is not None
-        running.stdin.write(json.dumps(told) + "\n")
-        running.stdin.flush()
-        found: dict[str, Any] = {}
-        try:
-            running.stdout.readline()  # it is there: to load its code takes a while
-            yield found
-            said, _ = running.communicate()
-        except BaseException:  # Ctrl-C, raised again: what is under way may take minutes
-            running.kill()
-            raise
-        found.update(json.loads(said))
+    ours, theirs = multiprocessing.Pipe()
+    process = multiprocessing.get_context("spawn").Process(target=_work, args=(theirs, work, arguments))
+    process.start()
+    theirs.close()
+    found: Figures = {}
+    try:
+        ours.recv()  # it is there: to load its code takes a while
+        yield found
+        ours.send("over")
+        found.update(ours.recv())
+    finally:
+        process.kill()  # what is under way may take minutes
+        process.join()
+
+
+def _work(told: Connection, work: Callable[..., Figures], arguments: tuple[object, ...]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the bench, which ends it
+    over = threading.Event()
+
+    def listen() -> None:
+        told.recv()
+        over.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+    told.send("it begins")
+    told.send(work(*arguments, over))
 
 
 # --- the operator
@@ -76,15 +80,15 @@ STOPS = (
 )
 
 
-def probe(url: str, key: str, over: threading.Event, errors: list[str], looks: int = 1) -> dict[str, Latency]:
+def operator(url: str, key: str, looks: int, over: threading.Event) -> Figures:
     """Ask again and again until `over`, each at least once; return how long each kind of request took.
 
     Args:
         key: none if empty.
-        errors: what went wrong is appended.
         looks: at health and readiness, for each stop that is set and lifted.
     """
     times: dict[str, list[float]] = {}
+    errors: list[str] = []
     kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
     wanted = (*LOOKS * looks, *STOPS)
     for number in itertools.count():
@@ -106,7 +110,7 @@ def probe(url: str, key: str, over: threading.Event, errors: list[str], looks: i
             errors.append(f"{name}: {status}")
         over.wait(EVERY_S)
     kept.close()
-    return {name: Latency.of(found) for name, found in sorted(times.items())}
+    return {"times": {name: latency(found) for name, found in sorted(times.items())}, "errors": errors}
 
 
 def ask(
@@ -279,55 +283,49 @@ def source_body(text: str) -> bytes:
 # --- the crowd
 
 
-class Crowd:
-    """Clients that send one hostile request after another."""
+def attackers(url: str, keys: dict[str, str], clients: int, seed: int, over: threading.Event) -> Figures:
+    """Let clients send one hostile request after another until `over`; return how each was answered."""
+    os.nice(NICENESS)
+    wanted = requests()
+    random.Random(seed).shuffle(wanted)
+    lock = threading.Lock()
+    answers: dict[str, Counter[int]] = {hostile.name: Counter() for hostile in wanted}
 
-    def __init__(self, url: str, keys: dict[str, str], clients: int, seed: int) -> None:
-        self._address = address(url)
-        self._keys = keys
-        self._ending = threading.Event()
-        self._lock = threading.Lock()
-        self.answers: dict[str, Counter[int]] = {}
-        wanted = requests()
-        random.Random(seed).shuffle(wanted)
-        turns = [itertools.cycle(wanted[index:] + wanted[:index]) for index in range(clients)]
-        self._threads = [threading.Thread(target=self._send, args=(turn,), daemon=True) for turn in turns]
-
-    def start(self) -> None:
-        """Begin."""
-        for thread in self._threads:
-            thread.start()
-
-    def end(self) -> None:
-        """Send nothing more, and wait for what is under way, but not for long."""
-        self._ending.set()
-        for thread in self._threads:
-            thread.join(2.0)
-
-    def _send(self, turn: Iterator[Hostile]) -> None:
-        for hostile in turn:
-            if self._ending.is_set():
+    def send(first: int) -> None:
+        for hostile in itertools.cycle(wanted[first:] + wanted[:first]):
+            if over.is_set():
                 return
-            status = self._ask(hostile)
-            with self._lock:
-                self.answers.setdefault(hostile.name, Counter())[status] += 1
+            status = _attack(url, keys, hostile)
+            with lock:
+                answers[hostile.name][status] += 1
 
-    def _ask(self, hostile: Hostile) -> int:
-        headers = {"Authorization": f"Bearer {self._keys[hostile.role]}"}
-        if hostile.body:
-            headers["Content-Type"] = hostile.content_type
-        if hostile.etag:
-            headers["If-Match"] = "*"
-        connection = http.client.HTTPConnection(*self._address, timeout=ANSWER_S)
-        try:
-            connection.request(hostile.method, hostile.path, hostile.body or None, headers)
-            answer = connection.getresponse()
-            answer.read()
-            return answer.status
-        except OSError:
-            return 0
-        finally:
-            connection.close()
+    threads = [threading.Thread(target=send, args=(first % len(wanted),)) for first in range(clients)]
+    for thread in threads:
+        thread.daemon = True
+        thread.start()
+    over.wait()
+    for thread in threads:
+        thread.join(2.0)  # whatever is still under way then is left
+    with lock:
+        return {name: dict(statuses) for name, statuses in sorted(answers.items()) if statuses}
+
+
+def _attack(url: str, keys: dict[str, str], hostile: Hostile) -> int:
+    headers = {"Authorization": f"Bearer {keys[hostile.role]}"}
+    if hostile.body:
+        headers["Content-Type"] = hostile.content_type
+    if hostile.etag:
+        headers["If-Match"] = "*"
+    connection = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    try:
+        connection.request(hostile.method, hostile.path, hostile.body or None, headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    except OSError:
+        return 0
+    finally:
+        connection.close()
 
 
 # --- both together
@@ -338,23 +336,6 @@ EACH = """import json, sys
 from robomend.cli.commands import run
 sys.exit(max(map(run, json.loads(sys.argv[1]))))"""
 """The commands of a list, in one interpreter: to load them takes longer than to run them."""
-
-
-@dataclass
-class AttackResult:
-    """What the operator saw alone and in the crowd, and how the crowd fared."""
-
-    seconds: float
-    clients: int
-    alone: dict[str, Latency]
-    attacked: dict[str, Latency]
-    answers: dict[str, dict[str, int]]  # request -> status -> how often
-    errors: list[str] = field(default_factory=list)
-
-    @property
-    def worst_ms(self) -> float:
-        """The slowest answer to an operator in the crowd."""
-        return max(latency.max_ms for latency in self.attacked.values())
 
 
 def make_keys(process: Served) -> dict[str, str]:
@@ -377,29 +358,32 @@ def _known(url: str, key: str) -> bool:
     return status != 401
 
 
-def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> AttackResult:
-    """Measure alone, then in the crowd."""
+def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> Figures:
+    """Measure what the operator sees alone, then in the crowd."""
     keys = make_keys(process)
     _prepare(process.url, keys["operator"])
-    errors: list[str] = []
-    alone = _operator(process.url, keys["operator"], min(seconds, 10.0), errors)
-    with beside("attackers", process.url, str(clients), str(seed), told=keys) as found:
-        attacked = _operator(process.url, keys["operator"], seconds, errors)
-    answers = {name: dict(sorted(statuses.items())) for name, statuses in sorted(found["answers"].items())}
-    broken = sum(statuses.get("500", 0) for statuses in answers.values())
-    if broken:
-        errors.append(f"{broken} answers of 500")
-    return AttackResult(seconds, clients, alone, attacked, answers, errors)
 
+    def looked(seconds: float) -> Figures:
+        over = threading.Event()
+        ends = threading.Timer(seconds, over.set)
+        ends.start()
+        try:
+            return operator(process.url, keys["operator"], 1, over)
+        finally:
+            ends.cancel()
 
-def _operator(url: str, key: str, seconds: float, errors: list[str]) -> dict[str, Latency]:
-    over = threading.Event()
-    ends = threading.Timer(seconds, over.set)
-    ends.start()
-    try:
-        return probe(url, key, over, errors)
-    finally:
-        ends.cancel()
+    alone = looked(min(seconds, 10.0))
+    with beside(attackers, process.url, keys, clients, seed) as answers:
+        attacked = looked(seconds)
+    broken = sum(statuses.get(500, 0) for statuses in answers.values())
+    errors = [*alone["errors"], *attacked["errors"], *[f"{broken} answers of 500"] * bool(broken)]
+    return {
+        "alone": alone["times"],
+        "attacked": attacked["times"],
+        "worst_ms": max(found["max_ms"] for found in attacked["times"].values()),
+        "answers": answers,
+        "errors": errors,
+    }
 
 
 def _prepare(url: str, key: str) -> None:
@@ -416,39 +400,3 @@ def _prepare(url: str, key: str) -> None:
         answer = connection.getresponse()
         assert answer.status == 201, (path, answer.status, answer.read())
         connection.close()
-
-
-# --- programs of their own
-
-
-def _attackers(url: str, clients: str, seed: str) -> None:
-    """Attack until the standard input ends, and print what came of it as JSON."""
-    os.nice(NICENESS)
-    crowd = Crowd(url, json.loads(sys.stdin.readline()), int(clients), int(seed))
-    print("begins", flush=True)
-    crowd.start()
-    sys.stdin.read()
-    crowd.end()
-    print(json.dumps({"answers": crowd.answers}))
-    sys.stdout.flush()
-    os._exit(0)  # whatever is still under way
-
-
-def _operator_beside(url: str, looks: str) -> None:
-    """Probe until the standard input ends, and print how long it took as JSON."""
-    key, over, errors = json.loads(sys.stdin.readline()), threading.Event(), list[str]()
-
-    def wait() -> None:
-        sys.stdin.read()
-        over.set()
-
-    threading.Thread(target=wait, daemon=True).start()
-    print("begins", flush=True)
-    times = probe(url, key, over, errors, int(looks))
-    print(json.dumps({"times": {name: asdict(latency) for name, latency in times.items()}, "errors": errors}))
-
-
-PROGRAMS: dict[str, Callable[..., None]] = {"attackers": _attackers, "operator": _operator_beside}
-
-if __name__ == "__main__":
-    PROGRAMS[sys.argv[1]](*sys.argv[2:])

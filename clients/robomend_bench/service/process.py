@@ -116,16 +116,6 @@ def served(
             service.process.stdout.close()
 
 
-@contextmanager
-def reached(url: str | None, arguments: Sequence[str] = ()) -> Iterator[tuple[str, Served | None]]:
-    """Yield the URL of a service that runs already, or of one that is started for this."""
-    if url is not None:
-        yield url.rstrip("/"), None
-        return
-    with served(arguments) as service:
-        yield service.url, service
-
-
 def model_text() -> str:
     """Return the model of the measurements, the paper's robot."""
     from robomend.resources import resource
@@ -133,41 +123,22 @@ def model_text() -> str:
     return resource("examples", "tedusar.yaml").read_text(encoding="utf-8")
 
 
-def processors() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 MB = 1e6
 
 
-@dataclass(frozen=True, slots=True)
-class Latency:
-    """A distribution in milliseconds."""
-
-    count: int
-    p50_ms: float
-    p90_ms: float
-    p99_ms: float
-    max_ms: float
-
-    @classmethod
-    def of(cls, seconds: Sequence[float]) -> Latency:
-        """Return the distribution of these durations."""
-        ordered = sorted(seconds)
-        p50, p90, p99 = (round(1e3 * percentile(ordered, share), 2) for share in (0.5, 0.9, 0.99))
-        return cls(len(ordered), p50, p90, p99, round(1e3 * percentile(ordered, 1.0), 2))
-
-    def __str__(self) -> str:
-        p50, p90, p99, most = (f"{ms:.1f}" for ms in (self.p50_ms, self.p90_ms, self.p99_ms, self.max_ms))
-        return f"p50 {p50} · p90 {p90} · p99 {p99} · max {most} ms"
+def latency(seconds: Sequence[float]) -> dict[str, float | None]:
+    """Return the distribution of these durations, in milliseconds."""
+    ordered = sorted(seconds)
+    shares = {"p50_ms": 0.5, "p90_ms": 0.9, "p99_ms": 0.99, "max_ms": 1.0}
+    taken = {name: _percentile_ms(ordered, share) for name, share in shares.items()}
+    return {"count": len(ordered), **taken}
 
 
-def percentile(ordered: Sequence[float], share: float) -> float:
-    """Return the smallest value that at least `share` of all do not exceed (nearest rank); NaN for none."""
+def _percentile_ms(ordered: Sequence[float], share: float) -> float | None:
+    """Return the smallest value that at least `share` of all do not exceed (nearest rank); None of none."""
     if not ordered:
-        return math.nan
-    return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+        return None
+    return round(1e3 * ordered[max(0, math.ceil(share * len(ordered)) - 1)], 2)
 
 
 def memory_mb(pid: int) -> float:
@@ -195,8 +166,3 @@ def children(pid: int) -> list[int]:
         if int(fields[1]) == pid:
             found.append(int(stat.parent.name))
     return sorted(found)
-
-
-def load_of_others() -> float:
-    """Return the one-minute load of the machine: above its cores, nobody's latency is the service's own."""
-    return os.getloadavg()[0]

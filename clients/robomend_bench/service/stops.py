@@ -5,9 +5,7 @@
                                               │◄── 0.1 s, or 1 s where an action ran ───────────►│
 
 It is asked once of the instance that owns the robots and once of another one, from which the request must
-travel through the database. An action ran if the audit log has it sent and without a result when the request
-left, or sent after that. When a repair has ended is told by the event, what acted late by boards and
-programs.
+travel through the database. When a repair has ended is told by the event.
 
 The robots have much to repair, on real boards: power by `robomend-board`, starts by programs that take time.
 
@@ -34,7 +32,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robomend_bench.service.process import Latency, served
+from robomend_bench.parts import Figures
+from robomend_bench.service.process import latency, served
 from robomend_bench.service.wire import Connection, connect, follow, request
 
 DEVICES = range(4)
@@ -241,35 +240,17 @@ ASKED_OF = ("the owner", "another instance")
 class StopResult:
     """What came of one way to stop, asked of one instance."""
 
-    way: str
-    asked_of: str
-    idle_s: list[float] = field(default_factory=list)  # to the end of repairs without a running action
-    running_s: list[float] = field(default_factory=list)  # … with one
-    begun_s: list[float] = field(default_factory=list)  # actions that began after the request, and when
-    late: list[str] = field(default_factory=list)  # those of them that should not have
+    ended_s: list[float] = field(default_factory=list)  # from the request to the end of a repair
+    begun_s: list[float] = field(default_factory=list)  # … to the beginning of an action, and what should not
+    late: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)  # what is wrong on a machine of any speed
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> Figures:
         """Return it as JSON values."""
-        return {
-            "idle": _distribution(self.idle_s),
-            "running": _distribution(self.running_s),
-            "repairs": len(self.idle_s) + len(self.running_s),
-            "begun_after_request": len(self.begun_s),
-            "last_begun_ms": round(1e3 * max(self.begun_s, default=0.0), 1),
-            "late": self.late,
-            "errors": self.errors,
-        }
+        return {"ended": latency(self.ended_s), "begun": latency(self.begun_s), "late": self.late}
 
 
-def _distribution(seconds: Sequence[float]) -> dict[str, Any]:
-    if not seconds:
-        return {"count": 0, "p50_ms": None, "p90_ms": None, "max_ms": None}
-    found = Latency.of(seconds)
-    return {"count": found.count, "p50_ms": found.p50_ms, "p90_ms": found.p90_ms, "max_ms": found.max_ms}
-
-
-async def run_stops(arguments: Sequence[str], *, moments: int, count: int, seed: int) -> list[StopResult]:
+async def run_stops(arguments: Sequence[str], *, moments: int, count: int, seed: int) -> Figures:
     """Ask `moments` times each way of each instance; `count` robots are under repair at a time."""
     with tempfile.TemporaryDirectory(prefix="robomend-bench-") as name:
         folder = Path(name)
@@ -280,11 +261,13 @@ async def run_stops(arguments: Sequence[str], *, moments: int, count: int, seed:
             with served(wanted, folder, orderly=True) as owner:
                 await _put(owner.url, fleet)
                 with served(wanted, folder, orderly=True) as other:
-                    results = []
+                    results = {}
                     for asked_of, url in zip(ASKED_OF, (owner.url, other.url), strict=True):
                         async with _bench(owner.url, url, fleet, seed) as bench:
-                            results += [await bench.run(way, asked_of, moments) for way in WAYS]
-    return results
+                            for way in WAYS:
+                                results[f"{way}, asked of {asked_of}"] = await bench.run(way, moments)
+    errors = [error for result in results.values() for error in result.errors]
+    return {"errors": errors, **{name: result.figures() for name, result in results.items()}}
 
 
 async def _put(url: str, fleet: list[RepairedRobot]) -> None:
@@ -330,9 +313,9 @@ class _Bench:
             self._ended.setdefault(repair["id"], time.perf_counter())
             self._news.set()
 
-    async def run(self, way: str, asked_of: str, moments: int) -> StopResult:
+    async def run(self, way: str, moments: int) -> StopResult:
         """Let repairs begin and end them, until enough requests were made."""
-        result = StopResult(way, asked_of)
+        result = StopResult()
         made = 0
         while made < moments:
             fleet = self._fleet[: moments - made] if way == "cancel" else self._fleet
@@ -406,12 +389,11 @@ class _Bench:
         ended_s = self._ended[repair] - sent
         connection = await connect(self._owner)
         found = await connection.api("GET", f"/repairs/{repair}")
-        running = await self._ran(connection, robot, sent_ns)
         connection.close()
         if found["state"] != "cancelled":
             result.errors.append(f"{repair} ended {found['state']}: {found['reason']}")
             return
-        (result.running_s if running else result.idle_s).append(ended_s)
+        result.ended_s.append(ended_s)
         await asyncio.sleep(NOTHING_BEGINS_S)  # what is wrong may still come
         for acted in robot.acted_after(sent_ns):
             after_s = (acted.time_ns - sent_ns) / 1e9
@@ -424,19 +406,3 @@ class _Bench:
                 result.errors.append(
                     f"{repair}: {acted.what} {after_s:.3f} s after the request, and was over"
                 )
-
-    async def _ran(self, connection: Connection, robot: RepairedRobot, at_ns: int) -> bool:
-        """Return whether an action was under way at that moment, or was sent after it."""
-        page = await connection.api("GET", f"/audit?robot={robot.name}&limit=200")
-        open_ones: set[str] = set()
-        for entry in reversed(page["items"]):
-            if entry["time_ns"] > at_ns:
-                if entry["action"] == "action.sent":
-                    return True
-            elif entry["action"] == "action.sent":
-                open_ones.add(entry["subject"])
-            elif entry["action"] == "action.result":
-                open_ones.discard(entry["subject"])
-            elif entry["action"] == "repair.create":
-                open_ones.clear()
-        return bool(open_ones)

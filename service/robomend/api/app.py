@@ -26,9 +26,7 @@ from robomend.api.page_route import PagePace
 from robomend.api.problems import MEDIA_TYPE, PROBLEM
 from robomend.api.routers import (
     actions,
-    batch_pages,
     batches,
-    benchmark_pages,
     board,
     control,
     diagnosis,
@@ -37,7 +35,6 @@ from robomend.api.routers import (
     events,
     history,
     model_pages,
-    model_reports,
     models,
     moments,
     notifications,
@@ -203,10 +200,7 @@ ROUTERS = (
     pages,
     robot_pages,
     model_pages,
-    model_reports,
     record_pages,
-    batch_pages,
-    benchmark_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})

@@ -20,7 +20,6 @@ from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, Obs
 from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.repair_record import FunctionOut, FunctionsOut, VariantOut
 from robomend.api.schemas.robots import AgentOut, RobotBody, RobotLine, RobotOut
-from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
@@ -37,7 +36,6 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import covered
 from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
-from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store import Store, View, diagnoses, drills, observations, repairs, robots
 from robomend.store.records import (
@@ -123,13 +121,6 @@ def version_out(model: StoredModel) -> VersionOut:
         format=model.format,
         created_ns=model.created_ns,
         by=model.by,
-    )
-
-
-def session_out(principal: Principal) -> SessionOut:
-    """Return who makes a request."""
-    return SessionOut(
-        name=principal.name, role=principal.role, robot=principal.robot, expires_ns=principal.until_ns
     )
 
 

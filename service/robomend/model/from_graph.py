@@ -21,10 +21,10 @@ from fnmatch import fnmatchcase
 from glob import escape
 from itertools import pairwise
 from math import ceil
+from typing import NamedTuple
 
 from robomend.errors import InputError
 from robomend.model.component_yaml import MAX_NAME
-from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.counts import counted
 from robomend_client.literals import PLAIN_NAME, holds
 from robomend_client.ros_graph import Heard, HeardTopic, Learned, RosGraph, SteadyTopic, Table, UsualRate
@@ -194,19 +194,6 @@ class FirstModel:
     entries: Entries = field(default_factory=Entries)  # its observers
     asked: tuple[str, ...] = ()  # questions that listening did not answer
     offered: tuple[str, ...] = ()  # remedies that nodes offer, as commented lines of an agent's file
-
-
-def model_from_graph(graph: RosGraph, name: str, source: str) -> str:
-    """Return a model of the robot as YAML, from a graph of which nothing was heard.
-
-    Args:
-        name: of the model.
-        source: where the graph is from, for people.
-
-    Raises:
-        InputError: no node in it is the robot's own.
-    """
-    return first_model(Heard(graph, source), name).text
 
 
 def first_model(heard: Heard, name: str) -> FirstModel:
@@ -941,3 +928,45 @@ def slug(text: str, taken: Iterable[str] = ()) -> str:
 
 def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
+
+
+# --- remedies that a graph of ROS 2 offers by its services, as commented lines: nothing is active by itself
+
+
+COSTMAP = re.compile(r"/clear_(?:entirely_)?(?:\w+_)?costmap\Z")
+CLEARS = "nav2_msgs/srv/ClearEntireCostmap"
+
+
+class OfferedRemedy(NamedTuple):
+    """One remedy: the node that it mends, and its lines of a model and of an agent's file."""
+
+    node: str  # its full name
+    model: str
+    action: str
+
+
+def offered_remedies(graph: RosGraph) -> tuple[OfferedRemedy, ...]:
+    """Return what a robot with ROS 2 offers against its own faults, by names that are usual.
+
+    A component is called as its node is, without the slash. Agents of robomend offer none.
+    """
+    return tuple(_found(graph))
+
+
+def _found(graph: RosGraph) -> Iterator[OfferedRemedy]:
+    for service, nodes in sorted(graph.services.items()):
+        for node in sorted(nodes):
+            name = node.strip("/")
+            act = re.sub(r"\W", "_", name)
+            if service == f"{node}/change_state" and f"{node}/get_state" in graph.services:
+                how = f"{{kind: lifecycle, nodes: {{{name}: {node}}}, transition: restart}}"
+                yield _remedy(node, f"bring_up_{act}", how)
+            elif COSTMAP.search(service):
+                short = re.sub(r"\W", "_", service.strip("/"))
+                how = f"{{kind: ros2_service, services: {{{name}: {service}}}, type: {CLEARS}}}"
+                yield _remedy(node, short, how)
+
+
+def _remedy(node: str, act: str, how: str) -> OfferedRemedy:
+    name = node.strip("/")
+    return OfferedRemedy(node, f"#  {act}: {{mends: {name}}}", f"#  {act}: {how}")

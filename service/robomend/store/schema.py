@@ -91,9 +91,9 @@ def _time(column: str, *, nullable: bool = False) -> Column[int]:
     return Column(column, BigInteger, nullable=nullable)
 
 
-def _numbered(table: str, *parts: Column[Any] | Index, key: str = "number") -> Table:
+def _numbered(table: str, *parts: Column[Any] | Index) -> Table:
     """A table that the database numbers; a number is not used twice, even after its row was removed."""
-    number = Column(key, _NUMBER, primary_key=True, autoincrement=True)
+    number = Column("number", _NUMBER, primary_key=True, autoincrement=True)
     return Table(table, metadata, number, *parts, sqlite_autoincrement=True)
 
 

@@ -7,12 +7,11 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from starlette.responses import FileResponse
 
-from robomend.api.batch_creation import OPENAPI_BODY, create
+from robomend.api.batch_creation import OPENAPI_BODY, BatchOut, create
 from robomend.api.deps import BatchPath, PagingDep, PartsDep, PrincipalDep, ReasonQuery
 from robomend.api.gate import GuardedRoute
 from robomend.api.problems import problems
 from robomend.api.schemas.base import Items
-from robomend.api.schemas.batch import BatchOut
 from robomend.security import API
 
 router = APIRouter(prefix=f"{API}/batches", tags=["batches"], route_class=GuardedRoute)

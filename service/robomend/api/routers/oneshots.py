@@ -10,8 +10,7 @@ from robomend.api.deps import PartsDep
 from robomend.api.gate import GuardedRoute
 from robomend.api.problems import problems
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
-from robomend.api.schemas.plans import ChoiceOut
-from robomend.api.schemas.repair import OneShotPlanBody
+from robomend.api.schemas.repair import ChoiceOut, OneShotPlanBody
 from robomend.api.views import engine_options, response_of, result_response, value_response
 from robomend.oneshots.plan_json import choice_json
 from robomend.planning.choice import Choice

@@ -1,7 +1,11 @@
-"""/: what people see of all robots; signing in and out, and the global stop, as forms that need no script."""
+"""/: what people see of all robots; signing in and out, and the global stop, as forms that need no script;
+the reports of benchmarks.
+"""
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path as Folder
 from typing import Annotated
 from urllib.parse import urlsplit
 
@@ -15,6 +19,7 @@ from robomend.api.problems import Problem
 from robomend.api.routers.control import ANSWER_S
 from robomend.errors import NotFound
 from robomend.repairs.stop_switch import written
+from robomend.web import benchmark_reports
 from robomend.web.rendering import MOST_ROWS, ROWS, static_files, static_version
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
@@ -115,3 +120,53 @@ def ours(address: str) -> str:
     if there.scheme or there.netloc or not address.startswith("/") or "\\" in address:
         return "/"
     return address if address.isprintable() and (there.path == "/" or there.path.startswith("/ui/")) else "/"
+
+
+# --- /ui/benchmarks: the reports of robomend-bench that lie in a folder of the service's computer
+
+
+PICTURE = {"Content-Security-Policy": "default-src 'none'; sandbox", "Cache-Control": "no-store"}
+"""A picture that is opened by itself is a document, and may do no more than before."""
+
+Named = Annotated[str, Path(pattern=benchmark_reports.NAME)]
+
+
+@router.get("/ui/benchmarks")
+async def benchmarks_page(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """List the reports, newest first."""
+    folder = parts.settings.benchmark_folder
+    there = folder is not None and folder.is_dir()
+    found = await asyncio.to_thread(benchmark_reports.entries, folder) if folder and there else []
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    return await page(request, "benchmarks.html", **around, found=found, folder=folder, there=there)
+
+
+@router.get("/ui/benchmarks/{report}")
+async def benchmark_page(
+    request: Request, report: Named, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Show one report with its plots."""
+    folder = _folder(parts.settings.benchmark_folder)
+    found = await asyncio.to_thread(benchmark_reports.report, folder, report)
+    if found is None:
+        raise NotFound(f"there is no report {report!r} of a benchmark that can be shown")
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    return await page(request, "benchmark.html", **around, report=found)
+
+
+@router.get("/ui/benchmarks/plots/{plot}")
+async def benchmark_plot(request: Request, plot: Named, parts: PartsDep) -> Response:
+    """Return a plot, which is a picture."""
+    found = None
+    if plot.endswith(".svg"):
+        folder = _folder(parts.settings.benchmark_folder)
+        found = await asyncio.to_thread(benchmark_reports.content, folder, plot)
+    if found is None:
+        raise NotFound(f"there is no plot {plot!r}")
+    return packed(request, found, "image/svg+xml", PICTURE)
+
+
+def _folder(folder: Folder | None) -> Folder:
+    if folder is None:
+        raise NotFound("the setting benchmark_folder names no folder of reports")
+    return folder

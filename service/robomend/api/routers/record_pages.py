@@ -1,5 +1,5 @@
-"""/ui/repairs, drills, /ui/audit, /ui/keys, /ui/notifications: what was, who did what and why, whose keys
-there are, and who is told.
+"""/ui/repairs, drills, /ui/audit, /ui/keys, /ui/notifications, /ui/batches: what was, who did what and why,
+whose keys there are, who is told, and what recorded logs showed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from fastapi import APIRouter, Query, Request
 from markupsafe import Markup
 from starlette.responses import Response
 
+from robomend.api.batch_creation import create
 from robomend.api.deps import (
+    BatchPath,
     DrillPath,
     KeyPath,
     PagingDep,
@@ -30,6 +32,7 @@ from robomend.api.page_route import (
     HEADERS,
     PageRoute,
     back,
+    check_ours,
     packed,
     page,
     read_form,
@@ -41,6 +44,7 @@ from robomend.api.problems import Problem
 from robomend.api.routers.notifications import tried
 from robomend.api.schemas.base import NAME, one_line
 from robomend.api.schemas.drill import DrillBody, DrillOut
+from robomend.batches.record import BatchState
 from robomend.drills.drills import DECISIONS
 from robomend.drills.permission import board_of, nobody_for, obstacles
 from robomend.drills.score import scored
@@ -50,7 +54,7 @@ from robomend.repairs.states import RepairState
 from robomend.robots.configuration import protection_of
 from robomend.robots.declared import observables_at_hand
 from robomend.security import ACT, Principal, Role, digest, new_key
-from robomend.store import Transaction, View, api_keys, audit, diagnoses, notifications, repairs
+from robomend.store import Transaction, View, api_keys, audit, diagnoses, models, notifications, repairs
 from robomend.store.records import ApiKey, Paging
 from robomend.web import past
 from robomend.web import timeline as figure
@@ -328,3 +332,59 @@ async def test_notification(request: Request, parts: PartsDep, principal: Princi
     form = await read_form(request)
     await tried(parts, form.get("recipient", ""), principal.name)
     return back("/ui/notifications")
+
+
+# --- /ui/batches: the batches, a form to hand one in, and each with its progress and its report
+
+
+OPEN = (BatchState.WAITING, BatchState.RUNNING)
+
+
+@router.get("/ui/batches")
+async def batches_page(
+    request: Request, parts: PartsDep, principal: PrincipalDep, paging: PagingDep
+) -> Response:
+    """List the batches, newest first."""
+    wanted = wanted_parts(request, ("stop", "batches"))
+    found = await parts.batches.page(paging) if "batches" in wanted else None
+    around = shell(request, parts, principal, wanted)
+    known = await parts.store.read(models.page, Paging(limit=1000)) if not around["fragment"] else None
+    return await page(
+        request,
+        "batches.html",
+        **around,
+        found=found,
+        cursor=paging.cursor,
+        open_states=OPEN,
+        models=[model.name for model in known.items] if known else [],
+        folder=parts.settings.batch_folder,
+    )
+
+
+@router.post("/ui/batches")
+async def create_batch(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Hand in logs, as a form."""
+    check_ours(request)
+    made = await create(request, parts, principal, page=True)
+    return back(f"/ui/batches/{made['id']}")
+
+
+@router.get("/ui/batches/{batch}")
+async def batch_page(
+    request: Request, batch: BatchPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Show one batch: how far it is, and the way to its results."""
+    wanted = wanted_parts(request, ("stop", "batch"))
+    around = shell(request, parts, principal, wanted)
+    found = await parts.batches.batch(batch)
+    return await page(request, "batch.html", **around, one=found, open_states=OPEN)
+
+
+@router.post("/ui/batches/{batch}")
+async def cancel_batch(
+    request: Request, batch: BatchPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Cancel a batch, as a form."""
+    form = await read_form(request)
+    await parts.batches.cancel(batch, by=principal.name, reason=reason_of(form))
+    return back(f"/ui/batches/{batch}")

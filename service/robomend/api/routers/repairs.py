@@ -14,8 +14,7 @@ from robomend.api.deps import PartsDep, PrincipalDep, RepairPath, RobotPath, Spa
 from robomend.api.gate import GuardedRoute
 from robomend.api.problems import problems
 from robomend.api.schemas.base import Items
-from robomend.api.schemas.plans import ChoiceOut
-from robomend.api.schemas.repair import DecisionBody, PlanBody, RepairBody
+from robomend.api.schemas.repair import ChoiceOut, DecisionBody, PlanBody, RepairBody
 from robomend.api.schemas.repair_record import ChangeOut, FunctionsOut, RepairOut
 from robomend.api.views import functions_out, page_text, response_of
 from robomend.repairs.repair_json import change_json, repair_json

@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
+from pydantic import Field
 
 from robomend.api.deps import PrincipalDep
 from robomend.api.gate import Admission, GuardedRoute
 from robomend.api.problems import problems
-from robomend.api.schemas.session import SessionOut, SignInBody
-from robomend.api.views import session_out
-from robomend.security import API
+from robomend.api.schemas.base import In, Moment, Out, moment_of
+from robomend.security import API, Principal
+
+
+class SignInBody(In):
+    """A browser signs in."""
+
+    key: str = Field(max_length=100, examples=["rm_…"], description="from `robomend keys create`")
+
+
+class SessionOut(Out):
+    """Who makes the request."""
+
+    name: str = Field(examples=["operator"], description="of the key")
+    role: str = Field(examples=["operator"])
+    robot: str | None = Field(description="of a robot's key: its own id")
+    expires_ns: int | None = Field(description="of a browser that is signed in: when that ends")
+    expires: Moment | None = moment_of("expires_ns")
+
 
 router = APIRouter(prefix=API, tags=["session"], route_class=GuardedRoute)
 
@@ -38,3 +55,10 @@ async def sign_out(request: Request, response: Response) -> None:
     """Sign the browser out: its cookie opens nothing any more, on any instance."""
     gate: Admission = request.app.state.gate
     await gate.sign_ins.end(request, response)
+
+
+def session_out(principal: Principal) -> SessionOut:
+    """Return who makes a request."""
+    return SessionOut(
+        name=principal.name, role=principal.role, robot=principal.robot, expires_ns=principal.until_ns
+    )

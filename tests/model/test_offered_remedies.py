@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robomend.model.from_graph import offered_remedies
 from robomend_client.agent.executors.base import read_actions
-from robomend_client.agent.executors.offered import offered_remedies
 from robomend_client.ros_graph import RosGraph
 from robomend_client.yaml_reader import read
 
