@@ -135,10 +135,10 @@ class Chooser:
     async def nobody_does(self, state: Robot, plan: Plan) -> str | None:
         """Return why a step of a plan would find nobody, by what the agents say now; or None."""
         parts = state.system.parts
-        offers = None
-        if parts is not None:
-            offers = await offers_if_all(state, parts, await self.actions(state), self._store)
-        found = () if offers is None else ((s, offers.why_nobody(s.name, s.parameters)) for s in plan.steps)
+        if parts is None:
+            return None
+        offers = await offers_now(state, parts, await self.actions(state), self._store)
+        found = ((s, offers.why_nobody(s.name, s.parameters)) for s in plan.steps)
         return next((f"{step}: {why}" for step, why in found if why is not None), None)
 
     async def attempts(self, robot: str) -> Mapping[str, int]:
@@ -235,7 +235,7 @@ class Chooser:
             protected=protected_of(state.config, parts),
             avoided=(*avoided, *situation.unfit),
             lingering=tuple(sorted({*lingering, *situation.lingering})),
-            offers=await offers_if_all(state, parts, names, self._store),
+            offers=await offers_now(state, parts, names, self._store),
             rates=tuple(situation.rates.values()),
             pddl=pddl,
         )
@@ -373,7 +373,7 @@ def _permitted(plan: Plan, policy: Policy, attempts: Mapping[str, int], componen
     return plan if refusal is None else replace(plan, steps=(), unreachable=(refusal, *plan.unreachable))
 
 
-# --- what a robot's agents offer to do, as far as this instance can know; by its model, who acts on what.
+# --- who can carry out what, as far as this instance can know; by its model, who acts on what.
 
 
 def hosts_of(parts: ComponentModel) -> dict[str, str | None]:
@@ -381,24 +381,21 @@ def hosts_of(parts: ComponentModel) -> dict[str, str | None]:
     return {name: part.host for name, part in parts.parts.items()}
 
 
-def offers_of(state: Robot, parts: ComponentModel, actions: Iterable[str]) -> Offers:
-    """Return what the agents say that are heard now.
+async def offers_now(state: Robot, parts: ComponentModel, actions: Iterable[str], store: Store) -> Offers:
+    """Return what agents say, and what nobody can do while the board is not connected.
+
+    Of agents nothing is known where one may be there of which this instance has not heard: right after a
+    start, and where there are other instances which it may ask for work.
 
     Args:
         actions: the names of the robot's domain's.
     """
-    by_agents = (name for name in actions if kind_of(name, state.config.actions)[0] == "agent")
-    said = (Offer(each.agent, each.host, each.can) for each in state.sight.declared.agents())
-    return Offers(tuple(said), frozenset(by_agents), hosts_of(parts))
-
-
-async def offers_if_all(
-    state: Robot, parts: ComponentModel, actions: Iterable[str], store: Store
-) -> Offers | None:
-    """Return what agents say; None: one may be there of which this instance has not heard.
-
-    That is so where there are others which it may ask for work, and right after a start.
-    """
-    if not state.sight.declared.all_heard() or len(await store.ownership.instances()) > 1:
-        return None
-    return offers_of(state, parts, actions)
+    declared = state.sight.declared
+    kinds = {name: kind_of(name, state.config.actions)[0] for name in actions}
+    by_board = (name for name, kind in kinds.items() if kind == "board" and declared.boardless)
+    by_hand = dict.fromkeys(by_board, "its board is not connected")
+    if not declared.all_heard() or len(await store.ownership.instances()) > 1:
+        return Offers((), frozenset(), {}, by_hand)
+    said = tuple(Offer(each.agent, each.host, each.can) for each in declared.agents())
+    by_agents = frozenset(name for name, kind in kinds.items() if kind == "agent")
+    return Offers(said, by_agents, hosts_of(parts), by_hand)
