@@ -212,6 +212,9 @@ def test_what_is_being_restarted_is_not_named_as_a_cause(acts: list[tuple[str, s
     assert said(blamed=blamed, symptoms=[MAP], repair=of)[0] == (
         f"map is silent since 23:23:04 (0 of 2 Hz for 3.1 s), and {what}."
     )
+    no_power = said(blamed=blamed, symptoms=NO_POWER, repair=of)[0]
+    ours = acts[0][0] in {"stop_node", "shutdown"}
+    assert no_power.startswith(what if ours else said(blamed=blamed, symptoms=NO_POWER)[0])
     waits = repair(RepairState.RUNNING, step("power_up", "hokuyo"))
     assert said(blamed=blamed, symptoms=[MAP], repair=waits)[0].endswith(", because of hokuyo.")
 

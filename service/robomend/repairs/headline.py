@@ -389,10 +389,14 @@ DOING = {
 }
 """What is done to a component of which a plan has these acts, the first of them."""
 
+OURS = {"restarted", "power-cycled"}
+"""That it does not run, or has no power, is then what we do."""
+
 
 def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None, doing: str) -> list[str | int]:
     done = f"{cause.component} is being {doing}"
-    if doing and (symptom is None or _own(symptom["literal"], cause.component)):
+    own = symptom is not None and _own(symptom["literal"], cause.component)
+    if doing and (symptom is None or (own and doing in OURS)):
         return [done]
     if symptom is None:
         return ["something is wrong", *_since(since_ns), _because(cause)]
@@ -400,9 +404,9 @@ def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None, doing: str
     words += _since(_begun(symptom) or since_ns)
     if measured := (symptom.get("reading") or {}).get("text"):
         words.append(f" ({short(str(measured))})")
-    if doing:
+    if doing and not own:
         words.append(f", and {done}")
-    elif not _own(symptom["literal"], cause.component) or cause.share < CERTAIN:
+    elif not own or cause.share < CERTAIN:
         words.append(_because(cause))
     return words
 
