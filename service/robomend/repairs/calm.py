@@ -181,6 +181,8 @@ class Calm:
         )
         found |= self._unseen(unconfirmed, now_ns)
         found |= self._late(now_ns)
+        turns = ((atom, state.sight.turns_ns(atom) + state.sight.on_its_way_ns()) for atom in bad)
+        found |= {atom: end_ns for atom, end_ns in turns if end_ns > now_ns}
         found |= state.obs.doubted(now_ns)
         for atom, due_ns in state.sight.not_heard_since_onset().items():
             if due_ns + CUT_OFF_NS > now_ns:
