@@ -269,11 +269,11 @@ async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> N
     assert robot.done == ["start_node(mapping)", *SHUT_DOWN]
 
 
-async def waits_for_the_base(runtime: Runtime) -> None:
+async def waits_for_the(device: str, runtime: Runtime) -> None:
     async with asyncio.timeout(240):
         while True:
             repairs = await runtime.repairs.repairs("r1", before=None, limit=1)
-            if any("base has booted" in str(one["reason"]) for one in repairs):
+            if any(f"{device} has booted" in str(one["reason"]) for one in repairs):
                 return
             await asyncio.sleep(0.05)  # until the next look
 
@@ -293,7 +293,7 @@ async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> N
             robot.spoil = boots
             await robot.settled()
             robot.cut("base")
-            await waits_for_the_base(runtime)
+            await waits_for_the("base", runtime)
             robot.running["mapping"] = False
             await eventually(lambda: "start_node(mapping)" in robot.done, "the node is started")
             assert robot.done == ["power_up(base)", "start_node(mapping)"]
@@ -318,7 +318,7 @@ async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_st
         robot.spoil = boots
         await robot.settled()
         robot.cut("base")
-        await waits_for_the_base(runtime)
+        await waits_for_the("base", runtime)
         robot.do("start_node", "base_node")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -341,7 +341,7 @@ async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boo
         robot.spoil = boots
         await robot.settled()
         robot.cut("base")
-        await waits_for_the_base(runtime)
+        await waits_for_the("base", runtime)
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert robot.done.count("power_up(base)") == 1
@@ -485,3 +485,47 @@ async def test_no_act_is_in_vain_before_a_slow_observer_has_settled(
             repair = await the_repair(runtime)
     assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert repair["state"] == "repaired", repair["reason"]
+
+
+@dataclass
+class Rebooting(Robot):
+    """Its device begins anew by itself, which nobody sees; a driver that is started meanwhile stays mute."""
+
+    ends: bool = False  # the driver, with its device; else it runs on, mute
+    booted: bool = True
+    speaks: bool = True
+
+    def reboot(self) -> None:
+        self.booted = self.speaks = False
+        self.running["lidar_node"] = not self.ends
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        self.speaks = self.running[parameter] and self.booted
+
+    def sentences(self) -> list[str]:
+        runs = self.running["lidar_node"]
+        facts = {"running(lidar_node)": runs, "ok(scan)": runs and self.speaks}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+
+@pytest.mark.parametrize("ends", [True, False], ids=["its driver ends", "its driver is mute"])
+async def test_a_driver_that_was_started_while_its_device_may_boot_is_started_later_before_a_person_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: bool
+) -> None:
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 120 * 10**9)
+    async with service(tmp_path) as runtime:
+        acts = {name: CONFIG["actions"][name] for name in ("start_node", "stop_node")}
+        observed = ["running(lidar_node)", "ok(scan)"]
+        plugged = SCANNER.replace("{channel: 3}", "{}")  # nobody switches its power
+        await put_robot(runtime, plugged, model="scanner", observed=observed, actions=acts)
+        robot = Rebooting(runtime.repairs, runtime.robots, ends=ends)
+        async with running(robot):
+            await robot.settled()
+            robot.reboot()
+            await waits_for_the("lidar", runtime)
+            robot.booted = True
+            monkeypatch.setattr(start_ups, "BOOTS_NS", 0)
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done.count("start_node(lidar_node)") == 3
