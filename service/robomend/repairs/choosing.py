@@ -33,9 +33,9 @@ from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Mode,
 from robomend.planning.problem import Offer, Offers
 from robomend.planning.tried import Patience
 from robomend.repairs.executors.registry import kind_of
-from robomend.repairs.flapping import lasting
+from robomend.repairs.flapping import lasting, not_undone
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
-from robomend.repairs.remembering import Remembered, remembered
+from robomend.repairs.remembering import Remembered, began_ns, down, remembered
 from robomend.robots.configuration import RobotConfig, policy_of, protected_of
 from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
@@ -248,7 +248,12 @@ class Chooser:
             plans = [_permitted(plan, policy, memory.attempts, components) for plan in plans]
         if looks and len(situation.leading) > 1:
             situation = replace(situation, probes=await self._probes(state))
-        return lasting(situation.decide(plans), result, memory, situation)
+        choice = situation.decide(plans)
+        if (named := choice.diagnosis) is not None:
+            symptoms = [one for one in state.sight.entries() if not one.positive]
+            began = (began_ns(state, named.bad, symptoms), tuple(down(symptoms).items()))
+            choice = not_undone(choice, memory, *began, situation.patience)
+        return lasting(choice, result, memory, situation)
 
     def _situation(
         self,

@@ -131,7 +131,7 @@ def seen(entry: Entry, conflicts: Iterable[tuple[Collection[str], Collection[str
 
 def began(entry: Entry) -> tuple[int, str]:
     """Return what symptoms are put in order by."""
-    return entry.onset_ns or entry.since_ns or entry.time_ns, str(entry.literal)
+    return entry.began_ns, str(entry.literal)
 
 
 def of_robot(robot: Robot, repair: Json | None) -> Headline:

@@ -501,6 +501,7 @@ class LiveRepair:
             return
         assert choice.diagnosis is not None
         by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
+        undid = self._confirming.undid() if helped and by_itself is None else []
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
@@ -513,11 +514,14 @@ class LiveRepair:
             self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
+            undid=undid,
+            symptoms=self._confirming.symptoms,
         )
         await self._record.end_round(
             *ending,
-            helped=helped and by_itself is None,
+            helped=helped and by_itself is None and not undid,
             by_itself=by_itself,
+            undid=undid,
             tried=tried,
             quarantined=left_alone,
             entries=entries,

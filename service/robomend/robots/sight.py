@@ -415,7 +415,7 @@ class Sight:
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
-                self._bad[atom] = entry.onset_ns or entry.since_ns or entry.time_ns
+                self._bad[atom] = entry.began_ns
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
             if atom.predicate == Hardware.state and len(atom.args) == 1:
