@@ -40,6 +40,11 @@ class Entry:
         return self.literal.positive
 
     @property
+    def began_ns(self) -> int:
+        """Since when it is so, as far as that is known; at the latest since its report."""
+        return self.onset_ns or self.since_ns or self.time_ns
+
+    @property
     def contradicted(self) -> bool:
         """Whether OBS holds neither sign, as its sources contradict each other."""
         return self.expires_ns == CONTRADICTED_NS and bool(self.by_source)

@@ -123,6 +123,9 @@ class Robot:
     def settling_s(self, atom: Atom) -> float:
         return 0.0
 
+    def turns_s(self, atom: Atom, acted_ns: int) -> float:
+        return 0.0
+
     def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return self.known_s
 

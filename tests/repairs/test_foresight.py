@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, put_robot, running, service, the_repair
+from tests.robomend_board.processes import running as emulator
+from tests.waiting import eventually
 
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
@@ -222,3 +224,41 @@ async def act(robot: Robot, note: str = "", host: str | None = None, **says: Any
             robot.done.append(f"{note}{orders['name']}({parameter})")
             await robot.report()
             await robot.repairs.result(orders["id"], code=0, message="", by=Reporter("robot"))
+
+
+async def test_power_is_planned_while_its_board_is_connected_only_and_a_person_hears_what_to_switch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.robots.declared.GONE_S", 0.3)
+    with emulator() as board:
+        port = board.port
+    firmware = MODEL.replace("lidar_node: {", "lidar_node: {restartable: false, ")
+    said = [one for one in CONFIG["observed"] if not one.startswith("on(")]
+    config = {
+        "actions": {name: CONFIG["actions"][name] for name in ("start_node", "stop_node")},
+        "policy": "approve",
+        "observed": said,
+        "board": {"host": "127.0.0.1", "port": port, "rate_hz": 20},
+    }
+
+    class OnBoard(Robot):
+        """Power is what the board says."""
+
+        def sentences(self) -> list[str]:
+            return [one for one in super().sentences() if "on(" not in one]
+
+    async with service(tmp_path) as runtime:
+        await put_robot(runtime, firmware, **config)
+        robot = OnBoard(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.settled()
+            state = await runtime.robots.memory.robot("r1")
+            await eventually(lambda: state.sight.declared.boardless, "a board that is not reached")
+            robot.connected["lidar_node"] = False
+            repair = await the_repair(runtime)
+            assert repair["state"] == "escalated"
+            assert "a person must power-cycle lidar: its board is not connected" in repair["reason"]
+            assert repair["rounds"] == []
+            with emulator("--on", "3,7", port=port):
+                again = await the_repair(runtime, after=repair["id"], ended=False)
+    assert [step["text"] for step in again["plan"]] == ["shutdown(lidar)", "power_up(lidar)"]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.repairs.robot import Robot, robot_on, service, the_repair
 
 from robomend.model.loading import load_text
 from robomend.planning.plan import action_title, action_titles, in_prose, power_note
-from robomend.repairs.headline import Facts, Fallback, Headline, headline, of_repair
+from robomend.repairs.headline import Facts, Fallback, Headline, headline, of_repair, of_robot
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState
 
@@ -191,6 +194,53 @@ def test_two_independent_faults_are_two_with_a_time_each() -> None:
 )
 def test_what_happens_next_or_who_is_needed(of: Any, then: str) -> None:
     assert said(blamed=[(("hokuyo",), 1.0)], symptoms=NO_POWER, repair=of)[1] == then
+
+
+@pytest.mark.parametrize(
+    ("acts", "what"),
+    [
+        ([("stop_node", "done"), ("start_node", "running")], "hokuyo is being restarted"),
+        ([("start_node", "running")], "hokuyo is being started"),
+        ([("shutdown", "running"), ("power_up", "waiting")], "hokuyo is being power-cycled"),
+        ([("power_up", "done")], "hokuyo is being switched on"),
+    ],
+)
+def test_what_is_being_restarted_is_not_named_as_a_cause(acts: list[tuple[str, str]], what: str) -> None:
+    of = repair(RepairState.RUNNING, *(step(name, "hokuyo", state=state) for name, state in acts))
+    blamed = [(("hokuyo",), 1.0)]
+    assert said(blamed=blamed, since_ns=AT, repair=of)[0] == f"{what}."
+    assert said(blamed=blamed, symptoms=[MAP], repair=of)[0] == (
+        f"map is silent since 23:23:04 (0 of 2 Hz for 3.1 s), and {what}."
+    )
+    no_power = said(blamed=blamed, symptoms=NO_POWER, repair=of)[0]
+    ours = acts[0][0] in {"stop_node", "shutdown"}
+    assert no_power.startswith(what if ours else said(blamed=blamed, symptoms=NO_POWER)[0])
+    waits = repair(RepairState.RUNNING, step("power_up", "hokuyo"))
+    assert said(blamed=blamed, symptoms=[MAP], repair=waits)[0].endswith(", because of hokuyo.")
+
+
+@pytest.mark.anyio
+async def test_while_its_restart_is_under_way_a_node_is_said_to_be_restarted(tmp_path: Path) -> None:
+    begun, go_on = asyncio.Event(), asyncio.Event()
+
+    async def slowly(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "start_node":
+            begun.set()
+            await go_on.wait()
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = slowly
+        await robot.settled()
+        robot.connected["lidar_node"] = False
+        await begun.wait()
+        [now] = await runtime.repairs.repairs("r1", before=None, limit=1)
+        there = of_robot(await runtime.robots.memory.robot("r1"), now).text(NOW)
+        go_on.set()
+        await the_repair(runtime)
+    assert "lidar_node is being restarted" in now["headline"]
+    assert "lidar_node is being restarted" in there
+    assert "because of lidar_node" not in now["headline"] + there
 
 
 def test_healthy_unknown_and_never_reported() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from tests.repairs.robot import (
     put_robot,
     repaired,
     robot_on,
+    running,
     service,
     the_repair,
     with_recalibrate,
@@ -29,6 +31,8 @@ from robomend.repairs.looking import DENIED
 from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.robots import start_ups
 from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
+from robomend.robots.declared import declaration
 from robomend.robots.reporters import Reporter
 from robomend.store.records import StoredRepair
 
@@ -265,11 +269,11 @@ async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> N
     assert robot.done == ["start_node(mapping)", *SHUT_DOWN]
 
 
-async def waits_for_the_base(runtime: Runtime) -> None:
+async def waits_for_the(device: str, runtime: Runtime) -> None:
     async with asyncio.timeout(240):
         while True:
             repairs = await runtime.repairs.repairs("r1", before=None, limit=1)
-            if any("base has booted" in str(one["reason"]) for one in repairs):
+            if any(f"{device} has booted" in str(one["reason"]) for one in repairs):
                 return
             await asyncio.sleep(0.05)  # until the next look
 
@@ -289,7 +293,7 @@ async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> N
             robot.spoil = boots
             await robot.settled()
             robot.cut("base")
-            await waits_for_the_base(runtime)
+            await waits_for_the("base", runtime)
             robot.running["mapping"] = False
             await eventually(lambda: "start_node(mapping)" in robot.done, "the node is started")
             assert robot.done == ["power_up(base)", "start_node(mapping)"]
@@ -314,7 +318,7 @@ async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_st
         robot.spoil = boots
         await robot.settled()
         robot.cut("base")
-        await waits_for_the_base(runtime)
+        await waits_for_the("base", runtime)
         robot.do("start_node", "base_node")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -337,7 +341,7 @@ async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boo
         robot.spoil = boots
         await robot.settled()
         robot.cut("base")
-        await waits_for_the_base(runtime)
+        await waits_for_the("base", runtime)
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert robot.done.count("power_up(base)") == 1
@@ -407,3 +411,121 @@ async def test_what_is_not_heard_of_when_its_repair_is_begun_is_not_begun_again_
             found = list(await runtime.repairs.repairs("r1", before=None, limit=9))
         assert len(found) == 2, [one["reason"] for one in found]
         assert robot.done == []
+
+
+SCANNER = """
+robomend: 1
+name: scanner
+hardware: {lidar: {channel: 3}}
+nodes:
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+"""
+
+
+@dataclass
+class SlowlyJudged(Robot):
+    """Its driver speaks a while after each start; the observer needs some seconds of that to say so."""
+
+    stands: bool = False  # its evidence, once samples are there again; else each report is judged anew
+    speaks_after_s: float = 0.0
+    detection_s: float = 0.2
+    settling_s: float = 2.5
+    speaks_ns: int = 0  # since when, or from when on
+    mute: bool = False
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        self.mute = False
+        self.speaks_ns = CLOCK.now_ns() + round(self.speaks_after_s * 1e9)
+
+    async def declared(self, runtime: Runtime) -> None:
+        """Let its observer say how fast it is."""
+        state = await runtime.robots.diagnosed(self.id)
+        delays = {"ok(scan)": (self.detection_s, self.settling_s)}
+        state.sight.declared.hear(declaration("observers", None, None, delays, state.system.vocabulary))
+
+    async def report(self) -> None:
+        now_ns, judges_ns = CLOCK.now_ns(), round((self.settling_s - 0.3) * 1e9)
+        speaks = self.running["lidar_node"] and not self.mute and now_ns >= self.speaks_ns
+        good = speaks and now_ns >= self.speaks_ns + judges_ns
+        facts = {"on(lidar)": True, "running(lidar_node)": self.running["lidar_node"], "ok(scan)": good}
+        scan_ns = now_ns - round(self.detection_s * 1e9)
+        if speaks and (self.stands or good):
+            scan_ns = now_ns - judges_ns if good else self.speaks_ns - round(self.detection_s * 1e9)
+        batch = Batch(
+            [fact if value else f"not {fact}" for fact, value in facts.items()],
+            source="observers",
+            time_ns=now_ns,
+            since=(now_ns, now_ns, scan_ns),
+        )
+        await self.robots.observe(self.id, batch)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [{"stands": True, "speaks_after_s": 0.8}, {}],
+    ids=["heard again, late", "judged anew each time"],
+)
+async def test_no_act_is_in_vain_before_a_slow_observer_has_settled(
+    tmp_path: Path, kind: dict[str, Any]
+) -> None:
+    async with service(tmp_path) as runtime:
+        await put_robot(
+            runtime,
+            SCANNER,
+            model="scanner",
+            observed=["on(lidar)", "running(lidar_node)", "ok(scan)"],
+            allow=["start_node", "stop_node"],
+        )
+        robot = SlowlyJudged(runtime.repairs, runtime.robots, **kind)
+        async with running(robot):
+            await robot.settled()
+            await robot.declared(runtime)
+            robot.mute = True
+            repair = await the_repair(runtime)
+    assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
+    assert repair["state"] == "repaired", repair["reason"]
+
+
+@dataclass
+class Rebooting(Robot):
+    """Its device begins anew by itself, which nobody sees; a driver that is started meanwhile stays mute."""
+
+    ends: bool = False  # the driver, with its device; else it runs on, mute
+    booted: bool = True
+    speaks: bool = True
+
+    def reboot(self) -> None:
+        self.booted = self.speaks = False
+        self.running["lidar_node"] = not self.ends
+
+    def do(self, name: str, parameter: str) -> None:
+        super().do(name, parameter)
+        self.speaks = self.running[parameter] and self.booted
+
+    def sentences(self) -> list[str]:
+        runs = self.running["lidar_node"]
+        facts = {"running(lidar_node)": runs, "ok(scan)": runs and self.speaks}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+
+@pytest.mark.parametrize("ends", [True, False], ids=["its driver ends", "its driver is mute"])
+async def test_a_driver_that_was_started_while_its_device_may_boot_is_started_later_before_a_person_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: bool
+) -> None:
+    monkeypatch.setattr(start_ups, "BOOTS_NS", 120 * 10**9)
+    async with service(tmp_path) as runtime:
+        acts = {name: CONFIG["actions"][name] for name in ("start_node", "stop_node")}
+        observed = ["running(lidar_node)", "ok(scan)"]
+        plugged = SCANNER.replace("{channel: 3}", "{}")  # nobody switches its power
+        await put_robot(runtime, plugged, model="scanner", observed=observed, actions=acts)
+        robot = Rebooting(runtime.repairs, runtime.robots, ends=ends)
+        async with running(robot):
+            await robot.settled()
+            robot.reboot()
+            await waits_for_the("lidar", runtime)
+            robot.booted = True
+            monkeypatch.setattr(start_ups, "BOOTS_NS", 0)
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done.count("start_node(lidar_node)") == 3

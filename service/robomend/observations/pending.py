@@ -218,7 +218,7 @@ class LastHeard:
 
 def newest_onset(entries: Iterable[Entry]) -> int | None:
     """Return when the latest of the symptoms began, as far as is known; None without symptoms."""
-    onsets = [entry.onset_ns or entry.since_ns or entry.time_ns for entry in entries if not entry.positive]
+    onsets = [entry.began_ns for entry in entries if not entry.positive]
     return max(onsets, default=None)
 
 

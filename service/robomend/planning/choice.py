@@ -202,7 +202,7 @@ def _again(one: Candidate, tried: Sequence[Attempt], patience: Patience) -> floa
     """
     bad, plan = frozenset(one.diagnosis.bad), one.plan
     # What is started after it had ended, and what is restarted, should become good by the same act.
-    cures = {str(step) for step in plan.steps if any(map(_makes_good, step.effects))}
+    cures = {str(step) for step in plan.steps if any(map(makes_good, step.effects))}
     by_cycle = bad <= cycled(plan) | one.carried
     in_vain = sum(
         attempt.effect_seen
@@ -257,7 +257,8 @@ def _weigh(
     return Alternative(one.diagnosis, plan, *told, darkens=one.darkens, yes=one.yes)
 
 
-def _makes_good(effect: Literal) -> bool:
+def makes_good(effect: Literal) -> bool:
+    """Return whether a component is good by this effect."""
     return effect.positive and effect.atom.predicate == "good"
 
 

@@ -302,10 +302,19 @@ class Grounder:
                     if number not in action.effects:
                         continue
                     if (why := self.refusal(action)) is not None:
-                        self.refused.setdefault(number, f"{action} is refused: {why}")
+                        self.refused.setdefault(number, self._told(action, why))
                     else:
                         found[id(action)] = action
         return list(found.values())
+
+    def _told(self, action: GroundAction, why: str) -> str:
+        """Return the sentence of an action that is refused, as what a person must do where only one can."""
+        offers = self.problem.offers
+        if offers is None or offers.by_hand.get(action.name) != why:
+            return f"{action} is refused: {why}"
+        name = action.parameters[0]
+        what = "power-cycle" if ("on", name) in self.problem.initial else "switch on"
+        return f"a person must {what} {name}: {why}"
 
     def _left_broken(self, node: str, action: GroundAction) -> bool:
         """Whether the node must restart after what the action restarts, or resets.

@@ -60,15 +60,16 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class Offers:
-    """What all agents of a robot say: none that is there is missing."""
+    """Who can carry out what now."""
 
     agents: tuple[Offer, ...]
-    actions: frozenset[str]  # those that agents carry out
+    actions: frozenset[str]  # those that agents carry out, if all that are there are among them
     hosts: Mapping[str, str | None] = field(default_factory=dict)  # component -> whose agents act on it
+    by_hand: Mapping[str, str] = field(default_factory=dict)  # action -> why only a person can do it
 
     def any_does(self, name: str) -> bool:
         """Return whether an agent does an action at all, on whatever."""
-        return any(
+        return name not in self.actions or any(
             agent.can is None or name in agent.can or any(one.startswith(f"{name}:") for one in agent.can)
             for agent in self.agents
         )
@@ -78,8 +79,8 @@ class Offers:
 
         Of a host none of whose agents was heard nothing is known: one may be about to come back.
         """
-        if name not in self.actions:
-            return None
+        if name not in self.actions or name in self.by_hand:
+            return self.by_hand.get(name)
         host = next((self.hosts[each] for each in parameters if self.hosts.get(each)), None)
         there = [agent for agent in self.agents if host is None or agent.host == host]
         if not there or any(offered(agent.can, name, parameters) for agent in there):

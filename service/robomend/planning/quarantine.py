@@ -81,6 +81,56 @@ def relapses(
     return tuple(row)
 
 
+BEFORE_NS = S_TO_NS
+"""The last good sample of what an act broke may be so much older than the act."""
+
+
+def undoing(
+    tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
+) -> tuple[Attempt, ...]:
+    """Return the repairs in a row that would begin anew with this one, the oldest first: each brought back
+    what it was for, and soon after its acts that failed which the next one was for, in the end what the first
+    was for. Nothing where this would do something else, or follows from nothing that was done; nor where
+    some of what a repair was for fails again, too: that did not last, and nothing else broke by it.
+    """
+    row: list[Attempt] = []
+    soon_ns, broken = int(patience.relapse_s * S_TO_NS), again
+    for one in sorted(tried, key=lambda one: -one.time_ns):
+        by_it = one.began_ns - BEFORE_NS <= broken.symptom_ns <= one.time_ns + soon_ns
+        if not (one.helped and by_it and one.bad.isdisjoint(broken.bad)):
+            break
+        row.insert(0, one)
+        if one.bad == again.bad and set(again.actions) <= set(one.actions):
+            return tuple(row)
+        broken = one
+    return ()
+
+
+def downed(
+    tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
+) -> frozenset[str]:
+    """Return the nodes that go down together soon after each start, as a manager of theirs does it: several
+    of them, after each of the last two repairs. Nothing where these do not, or are not to be started now.
+    """
+    groups: list[frozenset[str]] = []
+    soon_ns, next_one = int(patience.relapse_s * S_TO_NS), again
+    for one in sorted(tried, key=lambda one: -one.time_ns)[:2]:
+        ours = {name for name, _ in next_one.down if _only_stopped(name, one.actions)}
+        since_ns, until_ns = one.began_ns - BEFORE_NS, one.time_ns + soon_ns
+        groups.append(
+            frozenset(name for name, at_ns in next_one.down if since_ns <= at_ns <= until_ns) - ours
+        )
+        next_one = one
+    if len(groups) < 2 or min(map(len, groups)) < 2:
+        return frozenset()
+    together = groups[0] | groups[1]
+    return together if groups[0] & groups[1] & again.bad else frozenset()
+
+
+def _only_stopped(name: str, actions: Collection[str]) -> bool:
+    return f"stop_node({name})" in actions and f"start_node({name})" not in actions
+
+
 def unlasting(tried: Iterable[Attempt], relapsed: Collection[Attempt]) -> tuple[Attempt, ...]:
     """Return the attempts, those that did not last as what they were: no cure."""
     again = set(relapsed)

@@ -47,6 +47,8 @@ class Attempt:
     began_ns: int = 0  # when it was needed; 0: when it ended
     by_itself: bool = False  # nothing blamed `bad` any more, and that was nothing the repair had done
     lasted: bool = True  # False: it helped, and soon the same was suspected again (quarantine.py)
+    symptom_ns: int = 0  # when what it was for began to fail; 0: nobody knows
+    down: tuple[tuple[str, int], ...] = ()  # nodes that did not run when it began, with since when
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,6 +156,9 @@ def how_it_ended(done: Json, *, brief: bool = False) -> str:
     why, bad = in_prose(done.get("reason") or done["ending"]), " and ".join(done["diagnosis"]["bad"])
     if done.get("by_itself"):
         return f"well again, and credited to nobody: {in_prose(done['by_itself'])}"
+    if done.get("undid"):
+        fails = ", ".join(f"not {one}" for one in done["undid"])
+        return in_prose(f"it did not help: {bad} is well again, and since it: {fails}")
     if not done.get("helped"):
         untouched = done["plan"] and all(step.get("state") == StepState.WAITING for step in done["plan"])
         return f"{'nothing of it was done' if untouched else 'it did not help'}: {why}"

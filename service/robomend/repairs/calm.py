@@ -115,7 +115,7 @@ class Calm:
                 sure = await self._sure(result) if slowest_s > MEANWHILE_S else None
                 if sure is not None and self._state.revision == asked_of:
                     return sure
-            if not told and slowest_s > TELL_S:
+            if not told and max(slowest_s, time.monotonic() - began) > TELL_S:
                 told = True
                 names = [str(atom) for atom in sorted(left)]
                 await self._record.update(
@@ -154,7 +154,7 @@ class Calm:
         symptoms = [e for e in sight.entries() if not e.positive and not names.isdisjoint(e.atom.args)]
         if not symptoms or not names:
             return 0
-        began_ns = min(e.onset_ns or e.since_ns or e.time_ns for e in symptoms)
+        began_ns = min(e.began_ns for e in symptoms)
         shows_ns = max(sight.delays(e.atom).settling_ns for e in symptoms) + SLACK_NS
         return began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9) + shows_ns
 
@@ -181,6 +181,8 @@ class Calm:
         )
         found |= self._unseen(unconfirmed, now_ns)
         found |= self._late(now_ns)
+        turns = ((atom, state.sight.turns_ns(atom) + state.sight.on_its_way_ns()) for atom in bad)
+        found |= {atom: end_ns for atom, end_ns in turns if end_ns > now_ns}
         found |= state.obs.doubted(now_ns)
         for atom, due_ns in state.sight.not_heard_since_onset().items():
             if due_ns + CUT_OFF_NS > now_ns:
@@ -214,13 +216,13 @@ class Calm:
                 first_ns = max((risen[topic] for topic in fed & risen.keys()), default=0)
                 for entry in (e for e in symptoms if not fed.isdisjoint(e.atom.args)):
                     end_ns = first_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
-                    if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < first_ns:
+                    if end_ns > now_ns and entry.began_ns < first_ns:
                         back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             # Who is heard again after it was cut off may itself hear again what it says is bad.
             for entry in symptoms:
                 again_ns = state.sight.heard_again_ns(entry.source) or 0
                 end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
-                if end_ns > now_ns and (entry.onset_ns or entry.since_ns or entry.time_ns) < again_ns:
+                if end_ns > now_ns and entry.began_ns < again_ns:
                     back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found

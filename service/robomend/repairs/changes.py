@@ -42,7 +42,7 @@ from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.static_facts import OutOfWork, Work
 from robomend.poller import wait_for
 from robomend.repairs.acts import Acts
-from robomend.repairs.choosing import offers_if_all
+from robomend.repairs.choosing import offers_now
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, timings
@@ -466,7 +466,7 @@ class Changes:
             expected_stopped=state.expected_stopped,
             protected=protected_of(config, parts),
             forbidden=tuple((name, why) for name in names if (why := policy.forbids(name)) is not None),
-            offers=await offers_if_all(state, parts, (*names, *parts.acts), self.needs.store),
+            offers=await offers_now(state, parts, (*names, *parts.acts), self.needs.store),
         )
         bad = sorted(frozenset().union(*state.known().diagnoses[:1]))
         literals = state.sight.literals()

@@ -33,9 +33,9 @@ from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Mode,
 from robomend.planning.problem import Offer, Offers
 from robomend.planning.tried import Patience
 from robomend.repairs.executors.registry import kind_of
-from robomend.repairs.flapping import lasting
+from robomend.repairs.flapping import lasting, not_undone
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
-from robomend.repairs.remembering import Remembered, remembered
+from robomend.repairs.remembering import Remembered, began_ns, down, remembered
 from robomend.robots.configuration import RobotConfig, policy_of, protected_of
 from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
@@ -135,10 +135,10 @@ class Chooser:
     async def nobody_does(self, state: Robot, plan: Plan) -> str | None:
         """Return why a step of a plan would find nobody, by what the agents say now; or None."""
         parts = state.system.parts
-        offers = None
-        if parts is not None:
-            offers = await offers_if_all(state, parts, await self.actions(state), self._store)
-        found = () if offers is None else ((s, offers.why_nobody(s.name, s.parameters)) for s in plan.steps)
+        if parts is None:
+            return None
+        offers = await offers_now(state, parts, await self.actions(state), self._store)
+        found = ((s, offers.why_nobody(s.name, s.parameters)) for s in plan.steps)
         return next((f"{step}: {why}" for step, why in found if why is not None), None)
 
     async def attempts(self, robot: str) -> Mapping[str, int]:
@@ -235,7 +235,7 @@ class Chooser:
             protected=protected_of(state.config, parts),
             avoided=(*avoided, *situation.unfit),
             lingering=tuple(sorted({*lingering, *situation.lingering})),
-            offers=await offers_if_all(state, parts, names, self._store),
+            offers=await offers_now(state, parts, names, self._store),
             rates=tuple(situation.rates.values()),
             pddl=pddl,
         )
@@ -248,7 +248,12 @@ class Chooser:
             plans = [_permitted(plan, policy, memory.attempts, components) for plan in plans]
         if looks and len(situation.leading) > 1:
             situation = replace(situation, probes=await self._probes(state))
-        return lasting(situation.decide(plans), result, memory, situation)
+        choice = situation.decide(plans)
+        if (named := choice.diagnosis) is not None:
+            symptoms = [one for one in state.sight.entries() if not one.positive]
+            began = (began_ns(state, named.bad, symptoms), tuple(down(symptoms).items()))
+            choice = not_undone(choice, memory, *began, situation.patience)
+        return lasting(choice, result, memory, situation)
 
     def _situation(
         self,
@@ -373,7 +378,7 @@ def _permitted(plan: Plan, policy: Policy, attempts: Mapping[str, int], componen
     return plan if refusal is None else replace(plan, steps=(), unreachable=(refusal, *plan.unreachable))
 
 
-# --- what a robot's agents offer to do, as far as this instance can know; by its model, who acts on what.
+# --- who can carry out what, as far as this instance can know; by its model, who acts on what.
 
 
 def hosts_of(parts: ComponentModel) -> dict[str, str | None]:
@@ -381,24 +386,21 @@ def hosts_of(parts: ComponentModel) -> dict[str, str | None]:
     return {name: part.host for name, part in parts.parts.items()}
 
 
-def offers_of(state: Robot, parts: ComponentModel, actions: Iterable[str]) -> Offers:
-    """Return what the agents say that are heard now.
+async def offers_now(state: Robot, parts: ComponentModel, actions: Iterable[str], store: Store) -> Offers:
+    """Return what agents say, and what nobody can do while the board is not connected.
+
+    Of agents nothing is known where one may be there of which this instance has not heard: right after a
+    start, and where there are other instances which it may ask for work.
 
     Args:
         actions: the names of the robot's domain's.
     """
-    by_agents = (name for name in actions if kind_of(name, state.config.actions)[0] == "agent")
-    said = (Offer(each.agent, each.host, each.can) for each in state.sight.declared.agents())
-    return Offers(tuple(said), frozenset(by_agents), hosts_of(parts))
-
-
-async def offers_if_all(
-    state: Robot, parts: ComponentModel, actions: Iterable[str], store: Store
-) -> Offers | None:
-    """Return what agents say; None: one may be there of which this instance has not heard.
-
-    That is so where there are others which it may ask for work, and right after a start.
-    """
-    if not state.sight.declared.all_heard() or len(await store.ownership.instances()) > 1:
-        return None
-    return offers_of(state, parts, actions)
+    declared = state.sight.declared
+    kinds = {name: kind_of(name, state.config.actions)[0] for name in actions}
+    by_board = (name for name, kind in kinds.items() if kind == "board" and declared.boardless)
+    by_hand = dict.fromkeys(by_board, "its board is not connected")
+    if not declared.all_heard() or len(await store.ownership.instances()) > 1:
+        return Offers((), frozenset(), {}, by_hand)
+    said = tuple(Offer(each.agent, each.host, each.can) for each in declared.agents())
+    by_agents = frozenset(name for name, kind in kinds.items() if kind == "agent")
+    return Offers(said, by_agents, hosts_of(parts), by_hand)

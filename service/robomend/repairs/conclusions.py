@@ -172,7 +172,7 @@ def end_of(error: Exception, signals: Signals, written: Json) -> tuple[RepairTri
 
 def _vain_rounds(written: Json) -> list[Json]:
     rounds = (one for one in written.get("rounds", ()) if one.get("ending"))
-    return [one for one in rounds if not one.get("helped") and not one.get("by_itself")]
+    return [one for one in rounds if not (one.get("helped") or one.get("by_itself") or one.get("undid"))]
 
 
 def _without_repeating(tried: str, why: str) -> str:

@@ -26,6 +26,7 @@ from robomend.model.components import ComponentModel
 from robomend.observations.pending import GUARD_NS
 from robomend.planning.influence import influenced, needed
 from robomend.planning.prediction import OBSERVED_FACTS, theory_of
+from robomend.planning.quarantine import BEFORE_NS
 from robomend.repairs.conclusions import Silent, named
 from robomend.repairs.execution_values import StepReport
 from robomend.repairs.record import RepairRecord
@@ -80,13 +81,21 @@ class Confirming:
         self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
         self._began_ns = CLOCK.now_ns()
         self._symptoms: dict[Atom, Entry] = {}  # of the present round
+        self._good = frozenset[Atom]()  # what held when it began
         self._back: dict[Atom, int] = {}  # those that hold again, since when at first
         self._acted: dict[Atom, int] = {}  # what its acts influence -> when the first such act was sent
 
     def begins(self, entries: Iterable[Entry]) -> None:
         """A round begins; what does not hold of these are its symptoms."""
-        self._symptoms = {entry.atom: entry for entry in entries if not entry.positive}
+        known = {entry.atom: entry for entry in entries}
+        self._good = frozenset(atom for atom, entry in known.items() if entry.positive)
+        self._symptoms = {atom: entry for atom, entry in known.items() if not entry.positive}
         self._back, self._acted = {}, {}
+
+    @property
+    def symptoms(self) -> Collection[Entry]:
+        """What did not hold when the round began."""
+        return self._symptoms.values()
 
     def acted(self, action: Action, result: ActionResult, report: StepReport) -> Json | None:
         """Note what an act that has answered made uncertain; return what agents are to judge anew."""
@@ -168,6 +177,19 @@ class Confirming:
         why = [self._not_ours(atom, self._rose_ns(atom)) for atom in back]
         return why[0] if why and None not in why else None
 
+    def undid(self) -> list[Atom]:
+        """Return what held before the round and fails since its acts, though by the model they do not
+        influence it: whatever came back by them, they have not helped.
+        """
+        if not self._acted:
+            return []
+        acted_ns = min(self._acted.values()) - BEFORE_NS
+        entries = self._state.sight.entries()
+        ours = self._good - self._acted.keys()
+        fallen = (one for one in entries if not one.positive and not one.deaf and one.atom in ours)
+        fallen = (one for one in fallen if one.atom.predicate in {"ok", *OBSERVED_FACTS})
+        return sorted(one.atom for one in fallen if one.began_ns >= acted_ns)
+
     def _symptoms_of(self, bad: Collection[str]) -> frozenset[Atom]:
         """Return the round's symptoms that these components may have, or all where there is none of them."""
         parts = self._state.system.parts
@@ -207,7 +229,7 @@ class Confirming:
         delays = self._state.sight.delays(atom)
         within_ns = round(self._start_up_s * 1e9) + max(delays.detection_ns, delays.settling_ns)
         began = self._symptoms[atom]
-        onset_ns = began.onset_ns or began.since_ns or began.time_ns
+        onset_ns = began.began_ns
         for other, what, fell_ns, back_ns in sorted(self._state.sight.interruptions(began.source)):
             acted_ns = self._acted.get(other)
             ours = acted_ns is not None and back_ns >= acted_ns - GUARD_NS

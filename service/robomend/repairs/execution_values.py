@@ -52,6 +52,12 @@ class FreshObs(Protocol):
         """Return how long its observers may need to say anew what they say of the atom; 0: they did."""
         ...
 
+    def turns_s(self, atom: Atom, acted_ns: int) -> float:
+        """Return in how many seconds an observer that says that something does not hold cannot say otherwise
+        any more, of what an act that answered then has brought back.
+        """
+        ...
+
     def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         """Return in how many seconds one of these, awaited of that act, will have had more than its time, by
         what is known of earlier starts; inf: nothing is.

@@ -22,9 +22,10 @@ from datetime import UTC, datetime
 
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.advice import Situation
-from robomend.planning.choice import Choice
-from robomend.planning.quarantine import came_back
-from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt
+from robomend.planning.choice import Choice, makes_good
+from robomend.planning.policy import NODE_ACTIONS
+from robomend.planning.quarantine import came_back, downed, undoing
+from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
 from robomend.repairs.conclusions import BadSets
 from robomend.repairs.remembering import Remembered
 from robomend_client.counts import counted
@@ -105,6 +106,50 @@ def lasting(choice: Choice, result: DiagnosisResult, memory: Remembered, situati
     reason = does_not_last(relapses, suspected, max(one.until_ns for one in back.values()), now_ns)
     nothing = replace(choice, diagnosis=None, plan=None, probe=None, reason=reason)
     return replace(nothing, unlasting=True, came_back=new)
+
+
+def not_undone(
+    choice: Choice,
+    memory: Remembered,
+    symptom_ns: int,
+    down: tuple[tuple[str, int], ...],
+    patience: Patience,
+) -> Choice:
+    """Return the choice, or that nothing is done, where it would begin a circle of repairs anew of which each
+    breaks what the next one mends, or start nodes that have gone down together after each start.
+
+    Args:
+        symptom_ns: when what the choice is for began to fail.
+        down: the nodes that do not run, each with since when.
+    """
+    if choice.plan is None or choice.diagnosis is None:
+        return choice
+    cures = tuple(str(step) for step in choice.plan.steps if any(map(makes_good, step.effects)))
+    bad = frozenset(choice.diagnosis.bad)
+    begun = {"actions": cures, "symptom_ns": symptom_ns, "down": down}
+    again = Attempt(bad, frozenset(), 0, effect_seen=False, helped=False, **begun)  # type: ignore[arg-type]  # fields by name
+    only_nodes = all(step.name in NODE_ACTIONS for step in choice.plan.steps)
+    if row := undoing(memory.all, again, patience=patience):
+        names = [" and ".join(sorted(one.bad)) for one in row]
+        pairs = zip(row, names, [*names[1:], names[0]], strict=True)
+        breaks = [f"{_doing(one)} {name} breaks {other}" for one, name, other in pairs]
+        told = f"{breaks[0]}, and the other way round" if len(row) == 2 else ", ".join(breaks)
+        look = "none of it is done again; look at what they share, as a bus, a port or a manager"
+    elif only_nodes and (group := downed(memory.all, again, patience=patience)):
+        told = f"{' and '.join(sorted(group))} go down again together soon after each start"
+        look = "something that the model does not know stops them, as a lifecycle manager: start them by that"
+    else:
+        return choice
+    reason = f"{told}; {look}"
+    return replace(choice, diagnosis=None, plan=None, probe=None, reason=reason, beyond=told)
+
+
+def _doing(done: Attempt) -> str:
+    """Return what was done, in one word."""
+    names = {action.partition("(")[0] for action in done.actions}
+    if not names <= NODE_ACTIONS:
+        return "the repair of"
+    return "restarting" if "stop_node" in names else "starting"
 
 
 def does_not_last(relapses: Sequence[Attempt], suspected: Iterable[str], until_ns: int, now_ns: int) -> str:

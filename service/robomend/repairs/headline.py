@@ -131,7 +131,7 @@ def seen(entry: Entry, conflicts: Iterable[tuple[Collection[str], Collection[str
 
 def began(entry: Entry) -> tuple[int, str]:
     """Return what symptoms are put in order by."""
-    return entry.onset_ns or entry.since_ns or entry.time_ns, str(entry.literal)
+    return entry.began_ns, str(entry.literal)
 
 
 def of_robot(robot: Robot, repair: Json | None) -> Headline:
@@ -288,6 +288,7 @@ def _what(of: Facts) -> tuple[Told, int | None]:
     if not faults:
         why = ", and no diagnosis explains it" if of.judged else ""
         return (f"Something is wrong{why}", *_since(of.since_ns)), of.since_ns
+    doing = _under_way(of.repair)
     heads = {symptom["literal"] for _, symptom in faults if symptom is not None}
     shown = faults[:MANY]
     words: list[str | int] = []
@@ -295,7 +296,7 @@ def _what(of: Facts) -> tuple[Told, int | None]:
         words.append(f"{_number(len(faults)).capitalize()} faults: ")
     for index, (cause, symptom) in enumerate(shown):
         words += ["; "] if index else []
-        words += _fault(cause, symptom, of.since_ns)
+        words += _fault(cause, symptom, of.since_ns, doing.get(cause.component, ""))
     if len(faults) > len(shown):
         words.append(f"; and {len(faults) - len(shown)} more")
     if of.health is HealthState.DEGRADED:
@@ -366,14 +367,47 @@ def _own(literal: str, component: str) -> bool:
     return atom is not None and atom.predicate in {"on", "running"} and atom.args == (component,)
 
 
-def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None) -> list[str | int]:
+def _under_way(repair: Json | None) -> dict[str, str]:
+    """Return what is being done to components by the acts of an open repair that have begun: until they are
+    seen to be in vain, nobody says what these components cause.
+    """
+    if repair is None or repair["state"] not in {RepairState.RUNNING, RepairState.VERIFYING}:
+        return {}
+    acts: dict[str, set[str]] = {}
+    begun: set[str] = set()
+    for step in repair["plan"]:
+        for name in step["parameters"] if step["name"] in DOING else ():
+            acts.setdefault(name, set()).add(step["name"])
+            begun |= {name} if step["state"] in {StepState.RUNNING, StepState.DONE} else set()
+    return {name: next(DOING[act] for act in DOING if act in acts[name]) for name in begun}
+
+
+DOING = {
+    "stop_node": "restarted",
+    "start_node": "started",
+    "shutdown": "power-cycled",
+    "power_up": "switched on",
+}
+"""What is done to a component of which a plan has these acts, the first of them."""
+
+OURS = {"restarted", "power-cycled"}
+"""That it does not run, or has no power, is then what we do."""
+
+
+def _fault(cause: _Cause, symptom: Json | None, since_ns: int | None, doing: str) -> list[str | int]:
+    done = f"{cause.component} is being {doing}"
+    own = symptom is not None and _own(symptom["literal"], cause.component)
+    if doing and (symptom is None or (own and doing in OURS)):
+        return [done]
     if symptom is None:
         return ["something is wrong", *_since(since_ns), _because(cause)]
     words: list[str | int] = [in_words(symptom["literal"], symptom.get("reading"))]
     words += _since(_begun(symptom) or since_ns)
     if measured := (symptom.get("reading") or {}).get("text"):
         words.append(f" ({short(str(measured))})")
-    if not _own(symptom["literal"], cause.component) or cause.share < CERTAIN:
+    if doing and not own:
+        words.append(f", and {done}")
+    elif not own or cause.share < CERTAIN:
         words.append(_because(cause))
     return words
 

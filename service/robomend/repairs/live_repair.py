@@ -42,6 +42,7 @@ from robomend.robots.robots import Robots
 from robomend.store import Store
 from robomend_client.actions import Executor
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Symptom
 
 NEWS_S = 0.05
 """How often repeated news, which wakes nobody, are looked at."""
@@ -103,6 +104,7 @@ class LiveRepair:
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
+        self._anew_ns = 0  # what was tried before that may help now
         self._first = 0  # number of the present round's first step within the repair
 
     def _shows_s(self, *actions: str) -> float:
@@ -215,6 +217,14 @@ class LiveRepair:
             await self._hearing.look_at(found.probe.atom, found.reason)
             result = await self._newest()
             found = await self._planned(result, looks=False)
+        if found.plan is None and (early := self._started_early()):
+            since_ns, self._anew_ns = self._anew_ns, time.time_ns()
+            again = await self._planned(result, looks=False)
+            steps = () if again.plan is None else again.plan.steps
+            if any(step.name == "start_node" and step.parameters[0] in early for step in steps):
+                found = again
+            else:
+                self._anew_ns = since_ns
         if found.came_back:
             await self._record.set_aside(set_aside(self._state.id, found.came_back, time.time_ns()))
         if found.plan is not None and found.diagnosis is not None:
@@ -232,6 +242,17 @@ class LiveRepair:
         else:
             self._record.not_mended(found, result, self._state.sight.entries())
         return found
+
+    def _started_early(self) -> frozenset[str]:
+        """Return the drivers that may have been started while their devices still booted: what was tried says
+        nothing of them, and no person is called before they were started once more.
+        """
+        parts, sight = self._state.system.parts, self._state.sight
+        if parts is None:
+            return frozenset()
+        heard = {atom.args[-1] for atom, kind in sight.kinds().items() if kind is not Symptom.SILENT}
+        mute = (name for name, node in parts.nodes.items() if heard.isdisjoint(node.publishes))
+        return frozenset(name for name in mute if sight.start_ups.started_early(name, parts, sight))
 
     async def _too_early(self, choice: Choice, result: DiagnosisResult) -> bool:
         """Whether to choose anew: it was waited before a cut of power, or nothing can be done for what is not
@@ -260,7 +281,7 @@ class LiveRepair:
                 looks=looks,
                 avoided=self._acts.exhausted(),
                 left_off=self._acts.left_off(),
-                since_ns=self._record.tries_anew_from_ns,
+                since_ns=max(self._anew_ns, self._record.tries_anew_from_ns),
                 lingering=self._acts.lingering,
             )
         )
@@ -480,6 +501,7 @@ class LiveRepair:
             return
         assert choice.diagnosis is not None
         by_itself = self._confirming.by_itself(choice.diagnosis.bad) if helped else None
+        undid = self._confirming.undid() if helped and by_itself is None else []
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
@@ -492,11 +514,14 @@ class LiveRepair:
             self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
+            undid=undid,
+            symptoms=self._confirming.symptoms,
         )
         await self._record.end_round(
             *ending,
-            helped=helped and by_itself is None,
+            helped=helped and by_itself is None and not undid,
             by_itself=by_itself,
+            undid=undid,
             tried=tried,
             quarantined=left_alone,
             entries=entries,

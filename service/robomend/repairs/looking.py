@@ -152,9 +152,14 @@ class Looking:
             due_s = self._sight.due_s(awaited & self._prediction.expected(), timeout_s)
             longest_s = max(timeout_s, min(passed_s + due_s, timeout_s + MOST_LONGER_S))
             settle_s = {w: self._sight.settling_s(w.atom) for w in awaited}
-            denied = (w for w in missing() or () if self._sight.value(w.atom) is not None)
-            if any(not settle_s[w] for w in denied):
-                settle_s.clear()  # it is known to be missing, whatever the others will say
+            for literal in missing() or ():
+                if self._sight.value(literal.atom) is None:
+                    continue
+                turns_s = self._sight.turns_s(literal.atom, answered_ns)
+                if turns_s <= 0 and not settle_s[literal]:
+                    settle_s.clear()  # it is known to be missing, whatever the others will say
+                    break
+                settle_s[literal] = max(settle_s[literal], passed_s + turns_s - timeout_s)
             return max(longest_s - timeout_s, max(settle_s.values(), default=0.0))
 
         own = action not in POWER_ACTIONS | NODE_ACTIONS

@@ -169,7 +169,7 @@ class Stands:
         self._plan = choice.plan
         self._chooser = chooser
         self._others = frozenset(blamed_by_all(result))
-        self._agents: tuple[int, bool] | None = None  # what was known of the agents when they were looked at
+        self._agents: tuple[int, bool, bool] | None = None  # what was known of them when they were looked at
         self._bad = frozenset(choice.diagnosis.bad)
         self._written = written
         self._newest = newest
@@ -181,7 +181,7 @@ class Stands:
     async def now(self) -> bool:
         """Return whether it is blamed; Overtaken: it is not any more, or nobody carries the plan out."""
         declared = self._state.sight.declared
-        if self._agents != (agents := (declared.changes, declared.all_heard())):
+        if self._agents != (agents := (declared.changes, declared.all_heard(), declared.boardless)):
             if (nobody := await self._chooser.nobody_does(self._state, self._plan)) is not None:
                 raise Overtaken(f"{nobody}: the plan no longer applies")
             self._agents = agents

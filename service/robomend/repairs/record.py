@@ -346,6 +346,7 @@ class RepairRecord(ActionRecord):
         *,
         helped: bool,
         by_itself: str | None = None,
+        undid: Sequence[object] = (),
         tried: StoredAttempt | None = None,
         quarantined: Sequence[Quarantine] = (),
         entries: Iterable[Entry] = (),
@@ -354,12 +355,15 @@ class RepairRecord(ActionRecord):
 
         Args:
             by_itself: why it is well again, if that is nothing that the round has done.
+            undid: what held before the round and fails since its acts: it did not help.
         """
         rounds = list(self._data["rounds"])
         after_it = outcome(rounds[-1], {entry.atom: entry for entry in entries})
         rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped, "after": after_it}
         if by_itself is not None:
             rounds[-1]["by_itself"] = by_itself
+        if undid:
+            rounds[-1]["undid"] = [str(atom) for atom in undid]
 
         def remember(tx: Transaction) -> None:
             if tried is not None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from robomend.entry import Entry
+from robomend.model.components import Node
 from robomend.planning.choice import Choice
 from robomend.planning.cures import Tried, curing, once
+from robomend.planning.influence import put_out
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS
@@ -39,6 +42,7 @@ class Remembered:
         Tried, ...
     ] = ()  # of acts on one component alone, in earlier repairs, the fleet's as well
     reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
+    all: tuple[Attempt, ...] = ()  # whoever is credited with them, the newest first
 
 
 def remembered(
@@ -62,7 +66,7 @@ def remembered(
     own = [(one, r) for one, r in zip(tried, records, strict=True) if not one.by_itself]
     repair = repairs.newest(view, [robot]).get(robot)
     open_ = repair.id if repair is not None and repair.open else ""
-    useless = [replace(r, helped=False) if one in again else r for one, r in own]
+    useless = [replace(r, helped=one.helped and one not in again) for one, r in own]
     return Remembered(
         tuple(
             one for one in unlasting((one for one, _ in own), again) if one.helped or one.time_ns >= since_ns
@@ -75,6 +79,7 @@ def remembered(
         frozenset(aside),
         (*outcomes(records, repair), *outcomes(attempts.of_fleet(view, robot), None, fleet=True)),
         reconnecting(records),
+        () if repair is not None and repair.open and _was_interrupted(repair) else tried,
     )
 
 
@@ -92,6 +97,7 @@ def outcomes(
         if len(one.bad) == 1
         and one.repair != now
         and not one.data.get("by_itself")
+        and not one.data.get("undid")
         and one.data.get("cures")
         and (one.helped or one.effect_seen)
     )
@@ -106,7 +112,7 @@ def surely_broken(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -
         return frozenset()
     found: set[str] = set()
     for one in sorted((one for one in tried if one.repair == repair.id), key=lambda one: one.time_ns):
-        if one.helped or one.data.get("by_itself"):
+        if _brought_back(one):
             found -= {*one.bad, *one.data.get("repaired", ())}
         else:
             found |= set(one.data.get("certain", ()))
@@ -138,6 +144,8 @@ def judged(
     *,
     helped: bool,
     by_itself: str | None = None,
+    undid: Sequence[Atom] = (),
+    symptoms: Collection[Entry] = (),
 ) -> tuple[StoredAttempt, list[Quarantine]]:
     """Return what is to be kept of a round, and the components that it puts into quarantine.
 
@@ -153,7 +161,7 @@ def judged(
         done=[report.step.index for report in execution.steps if _carried_out(report)],
         time_ns=now,
         effect_seen=execution.effect_seen,
-        helped=helped and by_itself is None,
+        helped=helped and by_itself is None and not undid,
         began_ns=min((report.sent_ns for report in execution.steps if report.sent_ns), default=0),
         model=state.system.parts,
     )
@@ -165,10 +173,14 @@ def judged(
         "reconnected": sorted(execution.kept - set(choice.diagnosis.bad)),
         "cures": sorted({kind for kind, _ in curing(choice.plan, choice.diagnosis.bad).values()}),
         "mode": next(iter(choice.diagnosis.modes.values()), None),
+        "symptom_ns": began_ns(state, choice.diagnosis.bad, symptoms),
+        "down": down(symptoms),
+        **({"undid": [str(atom) for atom in undid]} if undid else {}),
     }
     if by_itself is not None:
         return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
-    left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=patience)
+    kept = replace(tried, helped=helped)  # it brought back what it was for, whatever else it did
+    left_alone = quarantined([*memory.tried, kept], now_ns=now, patience=patience)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
 
@@ -255,12 +267,37 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         repaired=frozenset(record.data.get("repaired", ())),
         time_ns=record.time_ns,
         effect_seen=record.effect_seen,
-        helped=record.helped or bool(record.data.get("by_itself")),
+        helped=_brought_back(record),
         actions=record.actions,
         cycled=frozenset(record.data.get("cycled", ())),
         began_ns=record.data.get("began_ns", 0),
         by_itself=bool(record.data.get("by_itself")),
+        symptom_ns=record.data.get("symptom_ns", 0),
+        down=tuple(sorted(record.data.get("down", {}).items())),
     )
+
+
+def _was_interrupted(repair: StoredRepair) -> bool:
+    """Return whether it is gone on with after the service had ended: nobody knows what it did of a plan, and
+    what is left to do is no repair of its own.
+    """
+    return any(one["ending"] == "interrupted" for one in repair.data.get("rounds", ()))
+
+
+def _brought_back(one: StoredAttempt) -> bool:
+    """Return whether what it was for was well after it, whoever is credited with that."""
+    return one.helped or bool(one.data.get("by_itself") or one.data.get("undid"))
+
+
+def began_ns(state: Robot, bad: Collection[str], symptoms: Iterable[Entry]) -> int:
+    """Return when what these components put out began to fail, the newest of it; 0: nothing of that does."""
+    names = frozenset(bad) if state.system.parts is None else put_out(state.system.parts, bad)
+    return max((one.began_ns for one in symptoms if names.intersection(one.atom.args)), default=0)
+
+
+def down(symptoms: Iterable[Entry]) -> dict[str, int]:
+    """Return the nodes that do not run, each with since when."""
+    return {one.atom.args[0]: one.began_ns for one in symptoms if one.atom.predicate == Node.state}
 
 
 def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> StoredAttempt:

@@ -29,7 +29,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.account import account
 from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.choosing import Chooser, offers_if_all
+from robomend.repairs.choosing import Chooser, offers_now
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
@@ -130,7 +130,7 @@ class Repairs:
         hosts = [agent.host for agent in state.sight.declared.agents()]
         parts = state.system.parts
         actions = (*actions, *(() if parts is None else parts.acts))
-        offers = None if parts is None else await offers_if_all(state, parts, actions, self._store)
+        offers = None if parts is None else await offers_now(state, parts, actions, self._store)
         asked = Asked(hosts, HEARD_S, offers)
         return findings(state, faults, actions, self._around(robot, board), asked)
 

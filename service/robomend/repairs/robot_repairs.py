@@ -298,14 +298,14 @@ class RobotRepairs:
         in_vain = person and (not untouched or bool(record.data.get("again")))  # it had something to try
         if gives_up and retry_ns is None and not interlocked and (broke or in_vain):
             retry_ns, again = takes_up(record, state, broke=broke)
-        symptoms = state.sight.symptoms()
+        symptoms, declared = state.sight.symptoms(), state.sight.declared
         self._reasons.gave_up(
             blamed if gives_up else None,
             retry_ns,
             symptoms,
             untouched=untouched,
             takes_up=again,
-            agents=state.sight.declared.changes if untouched else None,
+            agents=declared.changes if untouched or declared.boardless else None,
             **why,
         )
         given_up = self._reasons.given_up
@@ -352,7 +352,7 @@ a thousand loops would come together and keep changes waiting."""
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
 
-WAKING = frozenset({Kind.REPAIR, Kind.CONFIGURATION, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
+WAKING = frozenset({Kind.REPAIR, Kind.CONFIGURATION, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL, Kind.BOARD})
 """Kinds of events that a robot's loop must hear of."""
 
 

@@ -1,4 +1,5 @@
-"""What a robot's agents say of themselves when they ask for work: what they can do and observe, and how fast.
+"""What a robot's agents say of themselves when they ask for work: what they can do and observe, and how fast;
+and whether its board is reached.
 
 Kept in memory: an agent says it with each poll. Of an agent that is not heard for a while nothing is assumed.
 """
@@ -28,6 +29,10 @@ NEW_S = 10.0
 """After so long every agent that is there was heard: one that lost the service asks again within 5 s."""
 
 
+GONE_S = 5.0
+"""A board that was not reached for so long switches nothing, as far as plans are concerned."""
+
+
 @dataclass(frozen=True, slots=True)
 class Delays:
     """How fast an atom's observer is."""
@@ -51,10 +56,11 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents", "_began_s", "_moves", "_said", "changes")
+    __slots__ = ("_agents", "_began_s", "_board_lost_s", "_moves", "_said", "changes")
 
     def __init__(self) -> None:
-        self.changes = 0  # grows when what the agents can do changes
+        self.changes = 0  # grows when what the agents can do changes, or a board is back that was given up
+        self._board_lost_s: float | None = None  # since when it is not reached
         self._said: OrderedDict[tuple[str, str | None, frozenset[str] | None], None] = OrderedDict()
         # To another host, when.
         self._moves: OrderedDict[str, deque[tuple[str | None, float]]] = OrderedDict()
@@ -78,6 +84,19 @@ class DeclaredAgents:
         self._agents[declaration.agent] = (declaration, time.monotonic())
         while len(self._agents) > MOST_AGENTS:
             self._agents.popitem(last=False)
+
+    def board(self, *, lost: bool) -> None:
+        """The link to its board has changed; one that is closed is lost to nobody."""
+        if not lost:
+            self.changes += self.boardless
+            self._board_lost_s = None
+        elif self._board_lost_s is None:
+            self._board_lost_s = time.monotonic()
+
+    @property
+    def boardless(self) -> bool:
+        """Whether it has a board that is not reached, and was not for a while."""
+        return self._board_lost_s is not None and time.monotonic() - self._board_lost_s >= GONE_S
 
     def agents(self) -> tuple[Declaration, ...]:
         """Return what the agents that are heard say."""

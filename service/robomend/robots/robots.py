@@ -492,6 +492,8 @@ class Robots:
         self._background.begin(self.memory.drop(robot), "robot deleted elsewhere")
 
     def _board_changed(self, robot: str, link: LinkState, reason: str) -> None:
+        if (state := self.memory.states.get(robot)) is not None:
+            state.sight.declared.board(lost=link in {LinkState.CONNECTING, LinkState.DISCONNECTED})
         if not self.diagnosing.closing:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))

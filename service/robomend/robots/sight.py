@@ -415,7 +415,7 @@ class Sight:
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
-                self._bad[atom] = entry.onset_ns or entry.since_ns or entry.time_ns
+                self._bad[atom] = entry.began_ns
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
             if atom.predicate == Hardware.state and len(atom.args) == 1:
@@ -493,14 +493,32 @@ class Sight:
         delays = self.declared.delays(atom, Delays(0, 0))
         if not delays.detection_ns:
             return entry.since_ns  # which is already as much less than its report as such an observer needs
-        # Of silence `since` is the present less what was waited for, as much as detection takes. Once there
-        # are samples again it stands still, until the observer has settled: what is heard again is not known
-        # to be bad. What is bad for longer is so by its samples, at a wrong rate, and as of the report.
         silent_until_ns = entry.since_ns + delays.detection_ns
         told_ns = entry.time_ns + max(0, self._clocks.lives_on_ns(entry.source))
         if told_ns <= silent_until_ns:
             return silent_until_ns
-        return told_ns if told_ns - silent_until_ns >= delays.settling_ns else entry.since_ns
+        return entry.since_ns if self.turns_ns(atom) else told_ns
+
+    def turns_ns(self, atom: Atom) -> int:
+        """Return until when what does not hold may turn, as its observer hears it again; 0: it does not.
+
+        Of silence `since` is the present less what was waited for, as much as detection takes. Once there are
+        samples again it stands still, until the observer has settled: what is heard again is not known to be
+        bad. What is bad for longer is so by its samples, at a wrong rate, and as of the report.
+        """
+        entry, delays = self._robot.obs.get(atom), self.declared.delays(atom, Delays(0, 0))
+        if entry is None or entry.since_ns is None or not delays.detection_ns:
+            return 0
+        heard_ns = entry.since_ns + delays.detection_ns
+        told_ns = entry.time_ns + max(0, self._clocks.lives_on_ns(entry.source))
+        return heard_ns + delays.settling_ns if heard_ns < told_ns < heard_ns + delays.settling_ns else 0
+
+    def turns_s(self, atom: Atom, acted_ns: int) -> float:
+        """Return in how many seconds an observer that says that something does not hold cannot say otherwise
+        any more, of what an act that answered then has brought back.
+        """
+        end_ns = max(acted_ns + self.delays(atom).settling_ns, self.turns_ns(atom)) + self.on_its_way_ns()
+        return (end_ns - CLOCK.now_ns()) / 1e9
 
     def delays(self, atom: Atom) -> Delays:
         """Return how fast the atom's observers are."""

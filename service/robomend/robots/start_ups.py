@@ -38,6 +38,10 @@ OFTEN_BOOTED = 3
 """The second time a third of what it may boot at most has passed: most devices have booted by then, and a
 driver that waits for its device by itself speaks."""
 
+OFTEN_UNSEEN = 2
+"""Where nobody sees power come and go, it is by when a driver fell silent that its device may boot: the third
+start is at half of what it may boot at most."""
+
 LONGEST_NS = 120 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
 
@@ -175,7 +179,7 @@ class StartUps:
         self._given_up: dict[str, int] = {}  # topic -> starts in a row that had their time, and were stopped
         self._unwritten: set[str] = set()  # topics of which the store has something else
         self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
-        self._orders: dict[str, int] = {}  # node -> how often a repair started it since one last cut power
+        self._orders: dict[str, list[int]] = {}  # node -> when repairs started it since one last cut power
         self._switched: dict[str, int] = {}  # device -> when a repair last switched it
         self._others_until_ns = 0  # of other acts nobody knows on what they act: they may show until then
         self._publishers: tuple[ComponentModel, Mapping[str, tuple[Node, ...]]] | None = None
@@ -208,7 +212,8 @@ class StartUps:
             self._others_until_ns = max(self._others_until_ns, shows_ns)
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
-            self._orders.update({name: self._orders.get(name, 0) + 1 for name in action.parameters})
+            for name in action.parameters:
+                self._orders[name] = [*self._orders.get(name, ())[-TOO_EARLY:], sent_ns]
 
     def disturbed(self) -> None:
         """What may have held up the starts under way was planted, and is undone now: they teach nothing."""
@@ -479,11 +484,14 @@ class StartUps:
         been too early once more, when it has often booted; after that, when it surely has.
         """
         devices = self._devices(parts.nodes[node], parts) if node in parts.nodes else ()
+        if devices and self._unseen(parts.nodes[node], parts, seen):
+            ordered, early_ns = self._early(parts.nodes[node], seen)
+            return early_ns if ordered >= TOO_EARLY else 0
         return max((self._bootable_ns(node, each, parts, seen) for each in devices), default=0)
 
     def _bootable_ns(self, node: str, device: str, parts: ComponentModel, seen: Seen) -> int:
         booted_ns, power_ns = self.booted_ns(device, parts, seen), self._power_ns(device, seen)
-        orders, boot_s = self._orders.get(node, 0), parts.hardware[device].boot_s
+        orders, boot_s = len(self._orders.get(node, ())), parts.hardware[device].boot_s
         if boot_s is not None:  # should it take longer this once, it is started once more
             return booted_ns if orders or not booted_ns else power_ns + _about(_ns(boot_s))
         if not orders or not power_ns:
@@ -493,9 +501,35 @@ class StartUps:
             return power_ns + _with_room(max(took))
         return power_ns + (BOOTS_NS if orders >= TOO_EARLY else BOOTS_NS // OFTEN_BOOTED)
 
+    def started_early(self, node: str, parts: ComponentModel, seen: Seen) -> bool:
+        """Whether a repair started a node that may still find its device booting, by nothing but that it fell
+        silent: nobody sees whether the device lost its power, nor knows how long it boots.
+        """
+        ordered, early_ns = self._early(parts.nodes[node], seen)
+        early = ordered > 0 and early_ns > CLOCK.now_ns()
+        return early and self._unseen(parts.nodes[node], parts, seen)
+
+    def _unseen(self, node: Node, parts: ComponentModel, seen: Seen) -> bool:
+        """Return whether nobody reports the power of what a node drives, nor knows how long that boots."""
+        unknown = all(parts.hardware[each].boot_s is None for each in node.drives)
+        known = (
+            seen.reported(Atom(Hardware.state, (each,))) or self._power_ns(each, seen)
+            for each in self._devices(node, parts)
+        )
+        return bool(node.drives) and unknown and not any(known)
+
+    def _early(self, node: Node, seen: Seen) -> tuple[int, int]:
+        """Return how often repairs started a node since it fell silent, and until when that may be early."""
+        fell = (seen.fell_ns(Atom("ok", (topic,))) for topic in node.publishes)
+        fell_ns = max((at_ns for at_ns in fell if at_ns is not None), default=0)
+        ordered = sum(at_ns > fell_ns for at_ns in self._orders.get(node.name, ()))
+        return ordered, fell_ns + BOOTS_NS // OFTEN_UNSEEN if fell_ns else 0
+
     def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
         """Return the devices of a node that have not booted yet, by what is known of them."""
         now_ns = CLOCK.now_ns()
+        if self._unseen(parts.nodes[node], parts, seen):
+            return tuple(parts.nodes[node].drives)
         devices = dict.fromkeys(self._devices(parts.nodes[node], parts))
         return tuple(each for each in devices if self._bootable_ns(node, each, parts, seen) > now_ns)
 

@@ -88,6 +88,9 @@ class RepairRound(Out):
     by_itself: str | None = Field(
         default=None, description="why it is well again, where that is credited to nobody"
     )
+    undid: list[str] = Field(
+        default=[], description="what held before it and fails since its acts: it did not help"
+    )
     symptoms: list[SeenSymptom] = Field(default=[])
     symptoms_left_out: int = 0
     conflicts: list[str] = Field(default=[])

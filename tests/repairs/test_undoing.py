@@ -1,0 +1,184 @@
+"""Acts that undo each other: what one brings back, it takes from another."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from tests.repairs.robot import Robot, put_robot, robot_on, running, service, the_repair
+
+from robomend.repairs.account import account
+
+pytestmark = pytest.mark.anyio
+
+CAMERAS = ("cam_a", "cam_b", "cam_c")
+
+
+@dataclass
+class OneBus(Robot):
+    """Cameras of one bus, which the model does not know: whichever starts takes it from the next one."""
+
+    cameras: tuple[str, ...] = CAMERAS[:2]
+    ends: bool = False  # the driver that loses it; else it runs on, mute
+    after_s: float = 0.0  # it does
+    lost: list[str] = field(default_factory=list)
+    up: set[str] = field(default_factory=lambda: set(CAMERAS))
+    has: set[str] = field(default_factory=lambda: set(CAMERAS))
+
+    def lose(self, camera: str) -> None:
+        self.lost.append(camera)
+        self.has.discard(camera)
+        if self.ends:
+            self.up.discard(camera)
+
+    def do(self, name: str, parameter: str) -> None:
+        if name == "stop_node":
+            self.up.discard(parameter)
+            self.has.discard(parameter)
+            return
+        self.up.add(parameter)
+        self.has.add(parameter)
+        following = self.cameras[(self.cameras.index(parameter) + 1) % len(self.cameras)]
+        asyncio.get_running_loop().call_later(self.after_s, self.lose, following)
+
+    def sentences(self) -> list[str]:
+        facts = {f"running({one})": one in self.up for one in self.cameras}
+        facts |= {f"ok(img_{one[-1]})": one in self.has for one in self.cameras}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+    def model(self) -> str:
+        nodes = "".join(f"  {one}: {{publishes: {{img_{one[-1]}: []}}}}\n" for one in self.cameras)
+        return f"robomend: 1\nname: bus\nnodes:\n{nodes}"
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ({}, "restarting cam_a breaks cam_b, and the other way round"),
+        ({"ends": True}, "starting cam_a breaks cam_b, and the other way round"),
+        # It is seen after the repair has ended well, and needs one of its own.
+        ({"after_s": 1.0}, "restarting cam_a breaks cam_b, and the other way round"),
+        (
+            {"cameras": CAMERAS},
+            "restarting cam_a breaks cam_b, restarting cam_b breaks cam_c, restarting cam_c breaks cam_a",
+        ),
+    ],
+    ids=["mute", "ended", "later", "three in a circle"],
+)
+async def test_repairs_that_undo_each_other_end_as_soon_as_they_begin_anew(
+    tmp_path: Path, kind: dict[str, object], told: str
+) -> None:
+    async with service(tmp_path) as runtime:
+        robot = OneBus(runtime.repairs, runtime.robots, **kind)  # type: ignore[arg-type]  # fields by name
+        observed = [one.removeprefix("not ") for one in robot.sentences()]
+        await put_robot(runtime, robot.model(), model="bus", observed=observed)
+        async with running(robot):
+            await robot.settled()
+            robot.lose("cam_a")
+            repair = await the_repair(runtime)
+            while repair["state"] == "repaired":
+                repair = await the_repair(runtime, after=repair["id"])
+    assert repair["state"] == "escalated"
+    assert repair["reason"].startswith(f"{told}; ")
+    assert len([one for one in robot.done if one.startswith("start_node")]) == len(robot.cameras)
+    if not robot.after_s:
+        assert not any(one["helped"] for one in repair["rounds"])
+        undone = next(line for line in account(repair) if "it did not help" in line)
+        assert undone.startswith("  it did not help: cam_a is well again, and since it: img_b not ok")
+
+
+async def test_what_fails_beside_a_repair_and_not_by_it_is_repaired_too(tmp_path: Path) -> None:
+    """Two faults in a row, neither by the other's repair, and none of it comes again."""
+
+    class Two(OneBus):
+        def lose(self, camera: str) -> None:
+            if not self.done or (camera == "cam_b" and "cam_b" not in self.lost):
+                super().lose(camera)
+
+    async with service(tmp_path) as runtime:
+        robot = Two(runtime.repairs, runtime.robots)
+        observed = [one.removeprefix("not ") for one in robot.sentences()]
+        await put_robot(runtime, robot.model(), model="bus", observed=observed)
+        async with running(robot):
+            await robot.settled()
+            robot.lose("cam_a")
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done[-1] == "start_node(cam_b)"
+
+
+async def test_what_fails_once_more_with_all_the_rest_was_not_broken_by_the_repair_of_a_part(
+    tmp_path: Path,
+) -> None:
+    """Power goes, of everything, of one device, and of everything again: each is its own fault."""
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        before = ""
+        for fails in (robot.go_off, lambda: robot.cut("lidar"), robot.go_off):
+            await robot.settled()
+            fails()
+            await robot.report()
+            repair = await the_repair(runtime, after=before)
+            before = repair["id"]
+            assert repair["state"] == "repaired", repair["reason"]
+
+
+MANAGED = ("controller", "map_server", "planner")
+
+BOND = """
+robomend: 1
+name: bond
+nodes:
+  map_server: {publishes: {map: []}}
+  planner: {publishes: {plan: [map]}}
+  controller: {publishes: {cmd: [plan]}}
+"""
+
+
+@dataclass
+class Managed(Robot):
+    """Its nodes have a manager that the model does not know: it takes all down when one has died, and when
+    one is started by somebody else.
+    """
+
+    running: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(MANAGED, True))
+    timer: asyncio.TimerHandle | None = None
+
+    def do(self, name: str, parameter: str) -> None:
+        self.running[parameter] = name == "start_node"
+        self.noticed_in(1.0)
+
+    def noticed_in(self, time_s: float) -> None:
+        if self.timer is not None:
+            self.timer.cancel()
+        self.timer = asyncio.get_running_loop().call_later(time_s, self.take_down)
+
+    def take_down(self) -> None:
+        self.running = dict.fromkeys(MANAGED, False)
+
+    def sentences(self) -> list[str]:
+        runs = self.running
+        maps = runs["map_server"]
+        plans = maps and runs["planner"]
+        facts = {f"running({name})": value for name, value in runs.items()}
+        facts |= {"ok(map)": maps, "ok(plan)": plans, "ok(cmd)": plans and runs["controller"]}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+
+async def test_what_goes_down_together_after_each_start_is_started_twice_and_told_so(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        robot = Managed(runtime.repairs, runtime.robots)
+        observed = [one.removeprefix("not ") for one in robot.sentences()]
+        await put_robot(runtime, BOND, model="bond", observed=observed, detection_s=0.5)
+        async with running(robot):
+            await robot.settled()
+            robot.running["planner"] = False
+            robot.noticed_in(0.3)
+            repair = await the_repair(runtime)
+            while repair["state"] == "repaired":
+                repair = await the_repair(runtime, after=repair["id"])
+    assert repair["state"] == "escalated"
+    together = "controller and map_server and planner go down again together soon after each start; "
+    assert repair["reason"].startswith(together)
+    assert max(robot.done.count(f"start_node({name})") for name in MANAGED) <= 2
