@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from pydantic import BaseModel
+from structlog.testing import capture_logs
 from tests.api.conftest import TEDUSAR, Service, running
 from tests.api.test_timestamps import answered, each_is_told
 from tests.waiting import until
@@ -68,8 +69,14 @@ def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> Non
     assert "it is stuck" in step["message"]
     assert step["feedback"]["message"] == "half way"
     assert done["account"]
-    service.api("POST", f"/repairs/{waiting['id']}", json={"decision": "cancel"})
-    until(lambda: find(service, waiting["id"])["finished"], "it did not end", 60)
+    with capture_logs() as logged:
+        service.api("POST", f"/repairs/{waiting['id']}", json={"decision": "cancel", "reason": "not now"})
+        until(lambda: find(service, waiting["id"])["finished"], "it did not end", 60)
+    lines = [one for one in logged if one["event"] == "repair" and one["state"] == "cancelled"]
+    assert [(one["robot"], one["repair"], one["log_level"]) for one in lines] == [
+        ("r1", waiting["id"], "info")
+    ]
+    assert "not now" in lines[0]["reason"]
     ended = find(service, waiting["id"])
     described(RepairOut, ended)
     assert ended["created"].endswith("Z")

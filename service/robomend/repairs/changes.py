@@ -255,10 +255,12 @@ class Changes:
                 except RobomendError as error:
                     if error.code == "fenced":
                         return
-                    log.warning("configuration", robot=self.robot, code=error.code, detail=str(error))
+                    log.warning(
+                        "configuration is tried again", robot=self.robot, code=error.code, detail=str(error)
+                    )
                     wait_s = RETRY_S
                 except Exception:  # a fault of ours must not leave the robot as it is for ever
-                    log.exception("configuration", robot=self.robot)
+                    log.exception("configuration is tried again", robot=self.robot)
                     wait_s = RETRY_S
                 self._idle.set()
                 await wait_for(self._news, wait_s)

@@ -13,6 +13,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import structlog
+
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.components import ComponentModel
@@ -36,6 +38,8 @@ from robomend.transitions import after
 from robomend_client.actions import Action, ActionResult
 from robomend_client.counts import counted
 from robomend_client.events import Kind
+
+log = structlog.get_logger("robomend.repairs")
 
 Json = Mapping[str, Any]
 
@@ -289,6 +293,14 @@ class RepairRecord(ActionRecord):
 
         self._data = data  # before it is on disk: steps that run side by side may write meanwhile, too
         self._repair = await self._store.write(write, robots=(self.robot,))
+        if state != before:
+            log.info(
+                "repair",
+                robot=self.robot,
+                repair=self.id,
+                state=str(state),
+                **({"reason": reason} if reason else {}),
+            )
 
     async def begin_round(
         self,

@@ -132,12 +132,17 @@ class RobotRepairs:
                     continue
             except RobomendError as error:
                 if await self._is_lost(error):
-                    log.info("let go", robot=self._robot, code=error.code, detail=str(error))
+                    log.info(
+                        "another instance repairs it now, or it is gone",
+                        robot=self._robot,
+                        code=error.code,
+                        detail=str(error),
+                    )
                     return
-                log.warning("repairs", robot=self._robot, code=error.code, detail=str(error))
+                log.warning("repairs are tried again", robot=self._robot, code=error.code, detail=str(error))
                 wait_s = RETRY_S
             except Exception:  # a fault of ours must not leave the robot without its loop
-                log.exception("repairs", robot=self._robot)
+                log.exception("repairs are tried again", robot=self._robot)
                 wait_s = RETRY_S
             self._resting = wait_s >= IDLE_S and not self._look_up
             await wait_for(self._news, wait_s)
@@ -262,7 +267,7 @@ class RobotRepairs:
         except Exception as error:  # it ends in any case, with what is left off in its reason
             if await self._is_lost(error):
                 raise
-            log.warning("brought nothing back", robot=self._robot, exc_info=True)
+            log.warning("what the repair stopped was not started again", robot=self._robot, exc_info=True)
 
     async def _end(
         self,

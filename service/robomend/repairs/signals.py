@@ -141,9 +141,11 @@ class Requests:
             try:
                 await self._hand_over(repair, signals)
             except RobomendError as error:
-                log.warning("requests", robot=self._fence.robot, code=error.code, detail=str(error))
+                log.warning(
+                    "requests were not read", robot=self._fence.robot, code=error.code, detail=str(error)
+                )
             except Exception:  # else nobody could cancel any more
-                log.exception("requests", robot=self._fence.robot)
+                log.exception("requests were not read", robot=self._fence.robot)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(LOOK_AGAIN_S):
                     await self.arrived.wait()

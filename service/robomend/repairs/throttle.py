@@ -46,5 +46,5 @@ class Throttle(Generic[Key]):
             try:
                 await self._do(key)
             except Exception as error:  # noqa: BLE001  # whatever `do` may raise
-                log.warning("not told", what=str(key), detail=f"{type(error).__name__}: {error}")
+                log.warning("not sent", what=str(key), detail=f"{type(error).__name__}: {error}")
             await asyncio.sleep(self._period_s)
