@@ -461,6 +461,36 @@ async def test_a_repair_waits_until_the_next_variant_is_active_where_the_first_o
         assert rover.active["localisation"] == "none"
 
 
+async def test_a_fault_while_a_repair_acts_on_something_else_is_bridged_beside_it(tmp_path: Path) -> None:
+    config: dict[str, Any] = {
+        "policy": "auto",
+        "model": "cart",
+        "observed": ["ok(pose)", "ok(fix)", "ok(odom)"],
+    }
+    acts = ("localise", "start_node", "stop_node", "power_up", "shutdown")
+    config["actions"] = dict.fromkeys(acts, ACTIONS["localise"])
+    config["actions"]["stop_node"] = {
+        "timeout_s": 5.0,
+        "effect_timeout_s": 300.0,
+    }  # nobody sees that it acted
+    model = CART.replace("wheels: {publishes", "extra: {publishes: {beep: []}}\n  wheels: {publishes")
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("cart", model, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", {**CONFIG, **config}, expected=None, by="test")
+        async with running(cart := Cart(runtime.repairs, runtime.robots)):
+            await cart.settled()
+            beep: dict[str, Any] = {"source": "ear", "since": (CLOCK.now_ns(),) * 2}
+            await runtime.robots.observe("r1", Batch(("running(extra)", "not ok(beep)"), **beep))
+            # It has answered, and its effect is awaited in vain: the round goes on.
+            await until(lambda: _done(cart, "stop_node(extra)"), "the repair")
+            cart.broken.add("lidar")
+            await until(lambda: _active(cart, "localisation", "gps"), "the bridge")
+            page = await runtime.store.read(repairs.page, "r1", Paging(limit=5), open_only=True)
+            (repair,) = page.items
+            assert repair.state == "running"
+            assert len(repair.data["rounds"]) == 1
+
+
 async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vain(tmp_path: Path) -> None:
     model = MODEL.replace("hardware:", "hardware:\n  lidar_b: {channel: 4}\n  lidar_c: {channel: 5}")
     model = model.replace(

@@ -6,8 +6,8 @@
 
 A change is no repair: nothing is blamed, counted or put into quarantine. Its acts go the way of a repair's:
 policy, protection, interlock, the stop, the journal (robomend.repairs.execution). It has a record of its own.
-No repair acts meanwhile, and none is changed under a repair that acts; where a fault makes a change due, the
-cheaper way to be useful again comes first.
+No repair begins to act meanwhile. Under a repair that acts only what has nothing to do with its acts is
+changed; where a fault makes a change due, the cheaper way to be useful again comes first.
 
 What a crash leaves is closed: which variant is active is observed, and what is due is decided anew.
 """
@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,7 +25,8 @@ from typing import Any
 import structlog
 
 from robomend.errors import NotFound, RobomendError, StoreError
-from robomend.model.components import Function
+from robomend.model.components import ComponentModel, Function
+from robomend.model.functions import all_of, needs_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.configurations import (
     Decision,
@@ -35,6 +36,7 @@ from robomend.planning.configurations import (
     VariantChange,
     change_plan,
 )
+from robomend.planning.influence import put_out, touched
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, Mode, Policy
@@ -174,7 +176,7 @@ class Changes:
     needs: Dependencies
     robot: str
     fence: Fence
-    repair_acts: Callable[[], bool]  # whether a repair's plan is under way
+    acted_on: Callable[[], Collection[str] | None]  # by the repair whose plan is under way; None: none is
     left_off: Callable[[], Collection[str]]  # what a repair has switched off and not brought back
     acting: bool = False
     _news: asyncio.Event = field(default_factory=asyncio.Event)
@@ -296,16 +298,39 @@ class Changes:
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
         if self._waiting is not None:
             due = await self._answered(state, due)
-        if due and self.repair_acts() and not self._first:
-            self._looked = seen
-            return SOON_S
-        if due:
+        apart = self._apart(parts, due)
+        if len(apart) < len(due):
+            self._looked, wait_s = seen, min(wait_s, SOON_S)
+        if apart:
             if self._first:
                 self._looked = -1  # the repair goes on waiting while this is planned
-            wait_s = min(wait_s, await self._do(state, decision, due))
+            wait_s = min(wait_s, await self._do(state, decision, apart))
         if wait_s > AGAIN_S:
             self._looked = seen
         return wait_s
+
+    def _apart(
+        self, parts: ComponentModel, due: Sequence[VariantChange], steps: Iterable[Step] = ()
+    ) -> tuple[VariantChange, ...]:
+        """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
+        model's arrows: what is seen of that is its doing.
+
+        Args:
+            steps: the plan of the changes, where there is one.
+        """
+        acted = None if self._first else self.acted_on()
+        if acted is None:
+            return tuple(due)
+        doubted, planned = touched(parts, acted), {name for step in steps for name in step.parameters}
+        apart: dict[str, VariantChange] = {}
+        for one in due:
+            variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
+            names = planned.union(*(all_of(variant, parts) for variant in variants))
+            needs = {need.function for variant in variants for need in needs_of(variant, parts)}
+            waiting = {other.function for other in due} - apart.keys()
+            if doubted.isdisjoint(put_out(parts, names)) and needs.isdisjoint(waiting):
+                apart[one.function] = one
+        return tuple(apart.values())
 
     def _barred(self, state: Robot) -> Callable[[Function, str], str]:
         """Return what says why the acts of a variant may not be done now, or nothing; of those that may not
@@ -362,7 +387,10 @@ class Changes:
         if not waiting.asks_for(due):
             await self._withdraw("it is not due any more")
             return rest
-        if await waiting.signals.decided(0.0) and (self._first or not self.repair_acts()):
+        parts = state.system.parts
+        assert parts is not None
+        apart = self._apart(parts, waiting.changes, waiting.plan.steps)
+        if await waiting.signals.decided(0.0) and len(apart) == len(waiting.changes):
             self._waiting = None
             by = waiting.signals.by
             answers = waiting.signals.answers()
@@ -418,6 +446,10 @@ class Changes:
         if refusal is not None:
             await self._not_done(due, refusal)
             return AGAIN_S
+        parts = state.system.parts
+        assert parts is not None
+        if len(self._apart(parts, due, plan.steps)) < len(due):
+            return SOON_S
         wait_s = await self._repair_is_cheaper(state, due, plan)
         if wait_s > 0:
             return wait_s
@@ -502,6 +534,8 @@ class Changes:
         does.
         """
         if not all(change.fault for change in due) or self._deferred.tried:
+            return 0.0
+        if self.acted_on() is not None and not self._first:  # none is begun before the one that acts is done
             return 0.0
         policy = self.needs.chooser.policy(state)
         if policy.mode is not Mode.AUTO or not policy.may_begin(time.time_ns()):
