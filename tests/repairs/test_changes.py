@@ -804,8 +804,9 @@ async def test_what_the_acts_of_a_variant_stop_is_no_fault_while_it_is_active(tm
         assert list(await runtime.repairs.repairs("r1", before=None, limit=5)) == []
 
 
-async def test_after_a_restart_changes_are_remembered_and_what_was_cut_off_is_decided_anew(
-    tmp_path: Path,
+@pytest.mark.parametrize("made", [False, True])
+async def test_after_a_restart_what_was_cut_off_is_told_as_it_is_seen_and_undone_as_what_was_made(
+    tmp_path: Path, made: bool
 ) -> None:
     async with service(tmp_path) as runtime, rover_on(runtime) as rover:
         await rover.settled()
@@ -822,12 +823,17 @@ async def test_after_a_restart_changes_are_remembered_and_what_was_cut_off_is_de
     async with service(tmp_path) as runtime:
         again = Rover(runtime.repairs, runtime.robots)
         again.active, again.visibility = dict(rover.active), 2.0
+        if made:
+            again.active["altitude"] = "low"
         async with running(again):
-            changes = await ended(runtime, 3)
-            assert texts(changes) == [
-                ("high", "medium", "changed"), ("medium", "low", "failed"), ("medium", "low", "changed"),
+            changes = await ended(runtime, 2 if made else 3)
+            cut_off = [("medium", "low", "changed")] if made else [
+                ("medium", "low", "failed"), ("medium", "low", "changed"),
             ]  # fmt: skip
+            assert texts(changes) == [("high", "medium", "changed"), *cut_off]
+            assert again.done == ([] if made else ["set_mode(spiral, low)"])
             again.visibility = 4.0
-            changes = await ended(runtime, 4)
-            assert changes[0]["changes"][0]["back"] is not None
+            changes = await ended(runtime, len(changes) + 1)
+            back = [one["changes"][0]["back"] for one in changes if one["state"] == "changed"]
+            assert [one is not None for one in back] == [True, True, False]
             assert await runtime.store.read(journal.unsettled, "r1") == ()
