@@ -461,6 +461,36 @@ async def test_a_repair_waits_until_the_next_variant_is_active_where_the_first_o
         assert rover.active["localisation"] == "none"
 
 
+async def test_a_fault_while_a_repair_acts_on_something_else_is_bridged_beside_it(tmp_path: Path) -> None:
+    config: dict[str, Any] = {
+        "policy": "auto",
+        "model": "cart",
+        "observed": ["ok(pose)", "ok(fix)", "ok(odom)"],
+    }
+    acts = ("localise", "start_node", "stop_node", "power_up", "shutdown")
+    config["actions"] = dict.fromkeys(acts, ACTIONS["localise"])
+    config["actions"]["stop_node"] = {
+        "timeout_s": 5.0,
+        "effect_timeout_s": 300.0,
+    }  # nobody sees that it acted
+    model = CART.replace("wheels: {publishes", "extra: {publishes: {beep: []}}\n  wheels: {publishes")
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("cart", model, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", {**CONFIG, **config}, expected=None, by="test")
+        async with running(cart := Cart(runtime.repairs, runtime.robots)):
+            await cart.settled()
+            beep: dict[str, Any] = {"source": "ear", "since": (CLOCK.now_ns(),) * 2}
+            await runtime.robots.observe("r1", Batch(("running(extra)", "not ok(beep)"), **beep))
+            # It has answered, and its effect is awaited in vain: the round goes on.
+            await until(lambda: _done(cart, "stop_node(extra)"), "the repair")
+            cart.broken.add("lidar")
+            await until(lambda: _active(cart, "localisation", "gps"), "the bridge")
+            page = await runtime.store.read(repairs.page, "r1", Paging(limit=5), open_only=True)
+            (repair,) = page.items
+            assert repair.state == "running"
+            assert len(repair.data["rounds"]) == 1
+
+
 async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vain(tmp_path: Path) -> None:
     model = MODEL.replace("hardware:", "hardware:\n  lidar_b: {channel: 4}\n  lidar_c: {channel: 5}")
     model = model.replace(
@@ -774,8 +804,9 @@ async def test_what_the_acts_of_a_variant_stop_is_no_fault_while_it_is_active(tm
         assert list(await runtime.repairs.repairs("r1", before=None, limit=5)) == []
 
 
-async def test_after_a_restart_changes_are_remembered_and_what_was_cut_off_is_decided_anew(
-    tmp_path: Path,
+@pytest.mark.parametrize("made", [False, True])
+async def test_after_a_restart_what_was_cut_off_is_told_as_it_is_seen_and_undone_as_what_was_made(
+    tmp_path: Path, made: bool
 ) -> None:
     async with service(tmp_path) as runtime, rover_on(runtime) as rover:
         await rover.settled()
@@ -792,12 +823,17 @@ async def test_after_a_restart_changes_are_remembered_and_what_was_cut_off_is_de
     async with service(tmp_path) as runtime:
         again = Rover(runtime.repairs, runtime.robots)
         again.active, again.visibility = dict(rover.active), 2.0
+        if made:
+            again.active["altitude"] = "low"
         async with running(again):
-            changes = await ended(runtime, 3)
-            assert texts(changes) == [
-                ("high", "medium", "changed"), ("medium", "low", "failed"), ("medium", "low", "changed"),
+            changes = await ended(runtime, 2 if made else 3)
+            cut_off = [("medium", "low", "changed")] if made else [
+                ("medium", "low", "failed"), ("medium", "low", "changed"),
             ]  # fmt: skip
+            assert texts(changes) == [("high", "medium", "changed"), *cut_off]
+            assert again.done == ([] if made else ["set_mode(spiral, low)"])
             again.visibility = 4.0
-            changes = await ended(runtime, 4)
-            assert changes[0]["changes"][0]["back"] is not None
+            changes = await ended(runtime, len(changes) + 1)
+            back = [one["changes"][0]["back"] for one in changes if one["state"] == "changed"]
+            assert [one is not None for one in back] == [True, True, False]
             assert await runtime.store.read(journal.unsettled, "r1") == ()

@@ -156,6 +156,59 @@ def test_services_parameters_and_lifecycles_of_ros_2_repair_it_and_nothing_else_
         assert request("reset") in seen.offered
 
 
+def test_a_step_of_a_parameter_of_ros_2_is_the_act_of_a_variant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = {
+        "robomend": 1,
+        "name": "bot",
+        "nodes": {"camera": {}},
+        "properties": ["bright"],
+        "functions": {
+            "picture": {
+                "variants": {
+                    "fast": {"when": "ok(bright)", "do": ["step_fps(camera, more)"]},
+                    "slow": {"do": ["step_fps(camera, less)"]},
+                },
+                "adapt": "auto",
+            }
+        },
+    }
+    with ros2_robot(tmp_path) as ros, served(tmp_path) as (_, url), Client(url) as client:
+        monkeypatch.setenv("ROBOMEND_RCLPY_PYTHON", str(ros.python))
+        camera = ros.node("camera")
+        level = {"do": "publish", "topic": "/level", "type": "std_msgs/Float64", "rate": 10}
+        camera.do("declare", name="fps", value=40, then={**level, "value": {"data": 1.0}})
+        client.put_model("bot", json.dumps(model))
+        client.put_robot("tedusar", {"model": "bot", "policy": "auto", "observed": ["running(camera)"]})
+        sections: dict[str, Any] = {
+            "ros2": {"domain": ros.domain, "discovery": "localhost"},
+            "observers": {
+                "nodes": {"kind": "node", "from": "ros2", "preset": "ros2", "nodes": ["camera"]},
+                "active(picture,slow)": {
+                    "kind": "property", "from": "ros2", "source": "level:data", "low": 0.5, "interval_s": 0.2,
+                },
+            },
+            "actions": {
+                "step_fps": {
+                    "kind": "ros2_parameter", "nodes": {"camera": "/camera"}, "parameter": "fps",
+                    "steps": {"more": 30, "less": -30}, "least": 15, "most": 60, "timeout_s": 120,
+                }
+            },
+        }  # fmt: skip
+        with agent(config(tmp_path, url, {}, **sections)):
+            client.observe("tedusar", ["active(picture, fast)", "not ok(bright)"], source="test")
+
+            def changed() -> bool:
+                return [one["state"] for one in client.changes("tedusar")["items"]] == ["changed"]
+
+            until(changed, "the change", 200)
+            (change,) = client.changes("tedusar")["items"]
+        assert [step["text"] for step in change["plan"]] == ["step_fps(camera, less)"]
+        assert [line["value"] for line in camera.heard] == [15]  # 40 less 30, and not below the least
+        assert client.repairs("tedusar")["items"] == []
+
+
 def test_services_and_a_controller_manager_of_ros_1_repair_it_and_nothing_else_is_asked(
     tmp_path: Path,
 ) -> None:

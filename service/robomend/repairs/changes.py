@@ -6,10 +6,11 @@
 
 A change is no repair: nothing is blamed, counted or put into quarantine. Its acts go the way of a repair's:
 policy, protection, interlock, the stop, the journal (robomend.repairs.execution). It has a record of its own.
-No repair acts meanwhile, and none is changed under a repair that acts; where a fault makes a change due, the
-cheaper way to be useful again comes first.
+No repair begins to act meanwhile. Under a repair that acts only what has nothing to do with its acts is
+changed; where a fault makes a change due, the cheaper way to be useful again comes first.
 
-What a crash leaves is closed: which variant is active is observed, and what is due is decided anew.
+A change that a crash cuts off was made if that is seen within the time that its acts have. Else it is closed,
+and what is due is decided anew.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,7 +26,8 @@ from typing import Any
 import structlog
 
 from robomend.errors import NotFound, RobomendError, StoreError
-from robomend.model.components import Function
+from robomend.model.components import ComponentModel, Function
+from robomend.model.functions import all_of, needs_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.configurations import (
     Decision,
@@ -35,6 +37,7 @@ from robomend.planning.configurations import (
     VariantChange,
     change_plan,
 )
+from robomend.planning.influence import put_out, touched
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, Mode, Policy
@@ -45,7 +48,15 @@ from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import offers_now
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, timings
+from robomend.repairs.execution_values import (
+    MAY_HAVE_ACTED,
+    Ending,
+    Execution,
+    Setting,
+    StepReport,
+    Timing,
+    timings,
+)
 from robomend.repairs.record import LOOP, ActionRecord
 from robomend.repairs.repair_json import change_json, plan_json
 from robomend.repairs.signals import Requests, Signals
@@ -54,9 +65,9 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import protected_of
 from robomend.robots.robot import Robot
 from robomend.store import Transaction, View, drills, global_stop, journal, repairs
-from robomend.store.records import AuditEntry, Fence, Paging, StoredRepair
+from robomend.store.records import AuditEntry, Fence, Paging, StepRecord, StoredRepair
 from robomend.transitions import after
-from robomend_client.actions import TIMED_OUT
+from robomend_client.actions import OK, TIMED_OUT
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
 
@@ -86,6 +97,8 @@ FINISHED_S = 60.0
 
 DEFER_S = 10.0
 """So much longer than twice its cost a repair is waited for that is cheaper than the change."""
+
+CUT_OFF = "the service ended in the middle of it; decided anew"
 
 RECALLED = 200
 """Changes that are looked at after a restart."""
@@ -159,6 +172,15 @@ class WaitingChange:
 
 
 @dataclass
+class CutOff:
+    """A change that a crash cut off: whether it was made is for OBS to say."""
+
+    record: ChangeRecord
+    changes: tuple[VariantChange, ...]
+    until_s: float  # monotonic; so long its acts and their effects may take
+
+
+@dataclass
 class Deferred:
     """A fault of which a repair is cheaper than the change that it makes due."""
 
@@ -174,7 +196,7 @@ class Changes:
     needs: Dependencies
     robot: str
     fence: Fence
-    repair_acts: Callable[[], bool]  # whether a repair's plan is under way
+    acted_on: Callable[[], Collection[str] | None]  # by the repair whose plan is under way; None: none is
     left_off: Callable[[], Collection[str]]  # what a repair has switched off and not brought back
     acting: bool = False
     _news: asyncio.Event = field(default_factory=asyncio.Event)
@@ -185,6 +207,7 @@ class Changes:
     _rounds: int = 0  # of repairs that have come to their acts
     _first: bool = False  # a repair waits with its acts until what is due is changed
     _waiting: WaitingChange | None = None
+    _cut_off: list[CutOff] = field(default_factory=list)
     _signals: Signals | None = None  # of the change under way
     _deferred: Deferred = field(default_factory=Deferred)
     _worse: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
@@ -281,8 +304,9 @@ class Changes:
                 await self._withdraw("the model has no such function any more")
             return IDLE_S
         if not self._recalled:
-            await self._recall()
+            await self._recall(state)
             self._recalled = True
+        open_ = await self._look_at_cut_off(state)
         now_ns = CLOCK.now_ns()
         known = state.known(self.left_off())
         decision = self._keeper.decide(parts, state.system.conditions, known, now_ns, self._barred(state))
@@ -290,7 +314,7 @@ class Changes:
             decision = decision._replace(changes=())
         if not any(change.fault for change in decision.changes):
             self._deferred = Deferred()
-        due = decision.changes
+        due = tuple(change for change in decision.changes if change.function not in open_)
         state.decided(decision)
         await self._note_held(decision.states)
         wait_s = IDLE_S if decision.again_ns is None else max(AGAIN_S, (decision.again_ns - now_ns) / 1e9)
@@ -298,16 +322,39 @@ class Changes:
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
         if self._waiting is not None:
             due = await self._answered(state, due)
-        if due and self.repair_acts() and not self._first:
-            self._looked = seen
-            return SOON_S
-        if due:
+        apart = self._apart(parts, due)
+        if len(apart) < len(due) or open_:
+            self._looked, wait_s = seen, min(wait_s, SOON_S)
+        if apart:
             if self._first:
                 self._looked = -1  # the repair goes on waiting while this is planned
-            wait_s = min(wait_s, await self._do(state, decision, due))
+            wait_s = min(wait_s, await self._do(state, decision, apart))
         if wait_s > AGAIN_S:
             self._looked = seen
         return wait_s
+
+    def _apart(
+        self, parts: ComponentModel, due: Sequence[VariantChange], steps: Iterable[Step] = ()
+    ) -> tuple[VariantChange, ...]:
+        """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
+        model's arrows: what is seen of that is its doing.
+
+        Args:
+            steps: the plan of the changes, where there is one.
+        """
+        acted = None if self._first else self.acted_on()
+        if acted is None:
+            return tuple(due)
+        doubted, planned = touched(parts, acted), {name for step in steps for name in step.parameters}
+        apart: dict[str, VariantChange] = {}
+        for one in due:
+            variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
+            names = planned.union(*(all_of(variant, parts) for variant in variants))
+            needs = {need.function for variant in variants for need in needs_of(variant, parts)}
+            waiting = {other.function for other in due} - apart.keys()
+            if doubted.isdisjoint(put_out(parts, names)) and needs.isdisjoint(waiting):
+                apart[one.function] = one
+        return tuple(apart.values())
 
     def _barred(self, state: Robot) -> Callable[[Function, str], str]:
         """Return what says why the acts of a variant may not be done now, or nothing; of those that may not
@@ -364,7 +411,10 @@ class Changes:
         if not waiting.asks_for(due):
             await self._withdraw("it is not due any more")
             return rest
-        if await waiting.signals.decided(0.0) and (self._first or not self.repair_acts()):
+        parts = state.system.parts
+        assert parts is not None
+        apart = self._apart(parts, waiting.changes, waiting.plan.steps)
+        if await waiting.signals.decided(0.0) and len(apart) == len(waiting.changes):
             self._waiting = None
             by = waiting.signals.by
             answers = waiting.signals.answers()
@@ -420,6 +470,10 @@ class Changes:
         if refusal is not None:
             await self._not_done(due, refusal)
             return AGAIN_S
+        parts = state.system.parts
+        assert parts is not None
+        if len(self._apart(parts, due, plan.steps)) < len(due):
+            return SOON_S
         wait_s = await self._repair_is_cheaper(state, due, plan)
         if wait_s > 0:
             return wait_s
@@ -505,6 +559,8 @@ class Changes:
         """
         if not all(change.fault for change in due) or self._deferred.tried:
             return 0.0
+        if self.acted_on() is not None and not self._first:  # none is begun before the one that acts is done
+            return 0.0
         policy = self.needs.chooser.policy(state)
         if policy.mode is not Mode.AUTO or not policy.may_begin(time.time_ns()):
             return 0.0
@@ -544,7 +600,7 @@ class Changes:
             ],
             "plan": [] if plan is None else plan_json(plan, 0, state.system.parts, state.sight.entries()),
             "cost": None if plan is None else plan.cost,
-            "reason": "; ".join(one.reason for one in due),
+            "reason": "; ".join(dict.fromkeys(one.reason for one in due)),
             "by": LOOP,
             "notify": any(functions[one.function].notify for one in due if one.function in functions),
         }
@@ -633,14 +689,25 @@ class Changes:
                     self._keeper.failed(change.function, change.target, told, now_ns, HOUR_NS)
             await record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=signals.answers())
             return
-        now_ns = CLOCK.now_ns()
-        shown = {one: Atom(ACTIVE, (one.function, one.target)) for one in changes}
-        missing = tuple(one for one, atom in shown.items() if not state.obs.known(atom, now_ns))
+        missing, reason = _not_seen(state, changes), execution.reason
+        if missing and execution.ending is Ending.DONE:
+            reason = f"{', '.join(str(_shown(one)) for one in missing)} was not seen"
+        await self._conclude(
+            state, record, changes, missing, reason, _to_blame(missing, execution, state.functions)
+        )
+
+    async def _conclude(
+        self,
+        state: Robot,
+        record: ChangeRecord,
+        changes: tuple[VariantChange, ...],
+        missing: tuple[VariantChange, ...],
+        reason: str,
+        to_blame: Sequence[VariantChange],
+    ) -> None:
+        """Note which changes of a record were made; `reason`: why some, `missing`, were not."""
         if missing:
-            reason = execution.reason
-            if execution.ending is Ending.DONE:
-                reason = f"{', '.join(str(shown[one]) for one in missing)} was not seen"
-            await self._went_wrong(record, missing, reason, _to_blame(missing, execution, state.functions))
+            await self._went_wrong(record, missing, reason, to_blame)
             changes = tuple(one for one in changes if one not in missing)
             done = await self._create(changes, None, asks=False) if changes else None
             if done is None:
@@ -697,17 +764,14 @@ class Changes:
 
     # --- after a restart
 
-    async def _recall(self) -> None:
-        """Close what a crash left, and remember what was changed within the hour."""
+    async def _recall(self, state: Robot) -> None:
+        """Take up what a crash cut off, and remember what was changed within the hour."""
         since_ns = time.time_ns() - HOUR_NS
 
         def look(view: View) -> tuple[StoredRepair, ...]:
             return tuple(repairs.page(view, self.robot, Paging(limit=RECALLED), changes=True).items)
 
         found = await self.needs.store.read(look)
-        for stored in found:
-            if stored.open:
-                await self._close(stored)
         for stored in reversed(found):
             at_ns = stored.data.get("changed_ns") or 0
             for one in stored.data["changes"] if at_ns >= since_ns else ():
@@ -716,18 +780,67 @@ class Changes:
             for one in stored.data["changes"] if at_ns else ():
                 if not one["better"] and one["back_ns"] is None:
                     self._worse.setdefault(one["function"], []).append((stored.id, one["from"]))
+        for stored in found:
+            if stored.open:
+                await self._take_up(state, stored)
 
-    async def _close(self, stored: StoredRepair) -> None:
-        def settle(tx: Transaction) -> None:
-            for intent in journal.unsettled(tx, self.robot):
-                if intent.repair == stored.id:
-                    why = "the service ended; whether it acted is for OBS to say"
-                    journal.settle(tx, intent.id, TIMED_OUT, why, fence=self.fence)
-
+    async def _take_up(self, state: Robot, stored: StoredRepair) -> None:
+        """Settle the journal of a change that a crash cut off; what nobody has begun is taken back."""
         record = ChangeRecord(self.needs.store, stored, self.fence)
-        waited = record.state is ChangeState.AWAITING_APPROVAL
-        what = ChangeTrigger.OVERTAKEN if waited else ChangeTrigger.WENT_WRONG
-        await record.note(what, "the service ended in the middle of it; decided anew", also=settle)
+        if record.state is ChangeState.AWAITING_APPROVAL:
+            await record.note(ChangeTrigger.OVERTAKEN, CUT_OFF)
+            return
+        intents = await self.needs.store.read(journal.unsettled, self.robot)
+        fates = [(one.id, *await self._fate(one.id)) for one in intents if one.repair == stored.id]
+
+        def settle(tx: Transaction) -> tuple[StepRecord, ...]:
+            for action, code, message in fates:
+                journal.settle(tx, action, code, message, fence=self.fence)
+            return repairs.steps(tx, stored.id)
+
+        steps = await self.needs.store.write(settle, robots=(self.robot,))
+        changes = tuple(
+            VariantChange(one["function"], one["from"], one["to"], one["reason"], one["better"], one["fault"])
+            for one in stored.data["changes"]
+            if one["function"] in state.functions
+            and {one["from"], one["to"]} <= state.functions[one["function"]].variants.keys()
+        )
+        if not changes:
+            await record.note(ChangeTrigger.WENT_WRONG, CUT_OFF)
+            return
+        wait_s = 0.0
+        if all(code == OK or code in MAY_HAVE_ACTED for _, code, _ in fates):
+            bounds = timings(state.config.actions, ())
+            sent = [bounds.get(one.data["name"], Timing()) for one in steps if one.data.get("sent_ns")]
+            wait_s = sum(one.action_timeout_s + one.effect_timeout_s for one in sent[-1:])
+        self._cut_off.append(CutOff(record, changes, time.monotonic() + wait_s))
+
+    async def _fate(self, action: str) -> tuple[int, str]:
+        """Return what is known of an action whose outcome was not written."""
+        with contextlib.suppress(NotFound):  # no agent's
+            found = await self.needs.agents.withdraw(action, CUT_OFF)
+            if found.code is not None:
+                return found.code, found.message
+        return TIMED_OUT, "the service ended; whether it acted is for OBS to say"
+
+    async def _look_at_cut_off(self, state: Robot) -> frozenset[str]:
+        """Close what was cut off, once it is known whether it was made; return the functions of the rest."""
+        for one in tuple(self._cut_off):
+            missing = _not_seen(state, one.changes)
+            if not missing or time.monotonic() >= one.until_s:
+                self._cut_off.remove(one)
+                await self._conclude(state, one.record, one.changes, missing, CUT_OFF, ())
+        return frozenset(change.function for one in self._cut_off for change in one.changes)
+
+
+def _shown(change: VariantChange) -> Atom:
+    """Return what shows that a change was made."""
+    return Atom(ACTIVE, (change.function, change.target))
+
+
+def _not_seen(state: Robot, changes: Iterable[VariantChange]) -> tuple[VariantChange, ...]:
+    now_ns = CLOCK.now_ns()
+    return tuple(one for one in changes if not state.obs.known(_shown(one), now_ns))
 
 
 def _to_blame(

@@ -60,11 +60,13 @@ class RobotRepairs:
         self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
         self._record: RepairRecord | None = None  # of the repair that is carried out
-        self.changes = Changes(needs, robot, fence, self._acting, self._left_off)
+        self.changes = Changes(needs, robot, fence, self._acted_on, self._left_off)
 
-    def _acting(self) -> bool:
-        """Whether the plan of a repair is under way: no configuration is changed meanwhile."""
-        return self._record is not None and self._record.state in ACTING
+    def _acted_on(self) -> Collection[str] | None:
+        """Return what the plan of a repair acts on that is under way; None: none is."""
+        if self._record is None or self._record.state not in ACTING:
+            return None
+        return {name for step in self._record.data.get("plan", ()) for name in step["parameters"]}
 
     def _left_off(self) -> Collection[str]:
         return () if self._record is None else self._record.left_off.keys()
