@@ -211,6 +211,7 @@ def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None, pla
     varying = max((number for number, step in enumerate(rest, 1) if step[0] != "numbers"), default=0)
     texts_first = all(kind != "sequence" for kind, _, _ in rest)
     remembered = texts_first and all(kind == "numbers" for kind, _, _ in after or ())
+    only_numbers = after is not None and all(kind == "numbers" for kind, _, _ in (*rest, *after))
     first = behind = origin + prefix
     length, head, texts, place, unpack = -1, b"", b"", 0, orders[0]
 
@@ -221,6 +222,8 @@ def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None, pla
         if plain is not None:
             data = plain(data)
         big_endian = cdr and not data[1] & 1
+        if big_endian and only_numbers and plain is not None:
+            raise ValueError("it says that it is big endian, and has no length that shows it")
         at = end = _skipped(data, prefix, rest[:varying], cdr, big_endian)
         at = _skipped(data, at, rest[varying:], cdr, big_endian)
         if cdr:
