@@ -19,7 +19,6 @@ from robomend.model.formulas import leaves
 from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.model.vocabulary import ACTIVE
-from robomend.planning.configurations import Keeper, KnownState, does_without
 from robomend_client.literals import Atom, Literal
 
 State = OneOf["healthy", "faulty", "degraded", "unknown", "contradictory"]
@@ -129,6 +128,8 @@ class Answers:
 
     def _does_without(self, rows: Iterable[Sequence[int]], sensors: tuple[Atom, ...], told: Told) -> bool:
         """Return whether the robot did without what is blamed, in each of these codes."""
+        from robomend.planning.configurations import Keeper, KnownState, does_without  # few robots have any
+
         parts = self._system.parts
         if parts is None or told.bad is None:
             return False

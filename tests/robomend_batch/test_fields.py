@@ -158,6 +158,24 @@ def test_a_message_that_is_longer_or_shorter_than_its_type_is_refused_where_that
                     unpack(b"\0\3" + data[2:])
 
 
+@pytest.mark.parametrize("cdr", [True, False])
+def test_a_message_is_looked_at_anew_where_its_texts_are_others_than_those_before(cdr: bool) -> None:
+    store, name = STORES["ros2" if cdr else "ros1"], "nav_msgs/msg/Odometry"
+    message = made(store, (Nodetype.NAME, name), random.Random(1))
+    read = [
+        compile_field(store.fielddefs, name, path, cdr=cdr, whole=lambda data: None)
+        for path in ("pose.pose.position.x", "twist.twist.angular.z")
+    ]
+    for frame, child in (("a", "bcdefghijk"), ("abcdefghij", "k"), ("abcdefghij", "l")):
+        message.header.frame_id, message.child_frame_id = frame, child
+        data = bytes(store.serialize_cdr(message, name) if cdr else store.serialize_ros1(message, name))
+        assert [one(data) for one in read] == [message.pose.pose.position.x, message.twist.twist.angular.z]
+        at = 12  # of the length of its first text
+        for one in read:
+            with pytest.raises((ValueError, struct.error, IndexError)):
+                one(data[:at] + bytes([data[at] ^ 64]) + data[at + 1 :])
+
+
 def test_big_endian_messages_are_read_too() -> None:
     store = STORES["ros2"]
     message = made(store, (Nodetype.NAME, "sensor_msgs/msg/Imu"), random.Random(1))

@@ -215,13 +215,21 @@ DEFINITIONS = {
     "longer": "float64 data\nfloat64[4] more\n",
     "shorter": "float32 data\n",
     "right": "float64 data\n",
+    "of the other endianness": "float64 data\n",  # by its messages, which are not
 }
 SUMS: dict[str, dict[str, str]] = {"bag": {"md5sum": "0" * 32}, "db3": {"rihs01": "RIHS01_" + "0" * 64}}
 
 
-@pytest.mark.parametrize("definition", DEFINITIONS)
-@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
-def test_messages_of_another_length_than_their_type_are_no_values(
+@pytest.mark.parametrize(
+    ("log", "definition"),
+    [
+        (log, one)
+        for log in ("a.bag", "a.mcap", "a.db3")
+        for one in DEFINITIONS
+        if log != "a.bag" or "of" not in one
+    ],
+)
+def test_messages_that_are_not_as_they_say_are_no_values(
     log: str, definition: str, heater: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:
     model, values, _ = heater
@@ -236,6 +244,8 @@ def test_messages_of_another_length_than_their_type_are_no_values(
         )
         for _, topic, value in samples
     ]
+    if definition == "of the other endianness":
+        bodies = [b"\0\0" + body[2:] for body in bodies]
     times = [EPOCH_NS + round(at_s * SECOND) for at_s, *_ in samples]
     if log.endswith(".mcap"):
         with file.open("wb") as opened:

@@ -14,20 +14,25 @@ from robomend_batch.learn.matches import MatchFound
 from robomend_batch.learn.ranges import AGREEING, RangeFound, StatusFound
 from robomend_batch.learn.rates import RateFound
 from robomend_batch.learn.tails import Bound
+from robomend_client.counts import counted
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
+from robomend_client.observers.kinds import FIRST_S
 from robomend_client.observers.rate import LEAST_SILENCE_S
 from robomend_client.ros_graph import Learned, SteadyTopic
 
 HELD_S = 2.0
 """What is held up for so long, at a start above all, and comes at once is no wrong rate: few logs show it."""
 
+UNSEEN_START_S = 30.0
+"""So long may the first message of a topic take where one log alone shows it; of many logs, their share."""
+
 LONGEST_WITHIN_S = 10.0
 """An answer that may be later than this is not watched."""
 
 
-def steady_topic(found: RateFound, first_s: float) -> SteadyTopic:
-    """Return the rate of a topic as it was learned; `first_s`: the latest first message of a log."""
+def steady_topic(found: RateFound, first_s: float, logs: int) -> SteadyTopic:
+    """Return the rate of a topic as it was learned; `first_s`: the latest first message of so many logs."""
     beside_pauses = "its pauses count as pause_s, so that half of its messages missing is noticed beside them"
     lowest_hz = found.rate_hz - float(upwards(found.tolerance_hz))
     why = [
@@ -39,8 +44,9 @@ def steady_topic(found: RateFound, first_s: float) -> SteadyTopic:
         f"gaps: median {seconds_told(found.gaps.usual)}, {_tail(found.gaps)}"
         + (f"; never below {LEAST_SILENCE_S:g} s" if found.gaps.value < LEAST_SILENCE_S else ""),
     ]
-    if first_s > 1:
-        why.append(f"a log's first message came after {seconds_told(first_s)} at most")
+    begins_s = max(2 * first_s, UNSEEN_START_S / logs)
+    if begins_s > FIRST_S:
+        why.append(f"first message: after {seconds_told(first_s)} at most in {counted(logs, 'log')}")
     if found.only_silence:
         why.append("its pauses are so long that half of its messages may be missing without being noticed")
     return SteadyTopic(
@@ -52,7 +58,7 @@ def steady_topic(found: RateFound, first_s: float) -> SteadyTopic:
         found.silence_s,
         found.pause_s,
         tuple(why),
-        2 * first_s if first_s > 1 else None,
+        begins_s if begins_s > FIRST_S else None,
         HELD_S if found.silence_s < HELD_S else None,
     )
 

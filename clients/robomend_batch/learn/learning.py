@@ -204,7 +204,9 @@ def draft_of(
         else:
             signs.left_out.append((f"diagnostics of {name}", status))
     steady = {
-        f"/{name}": rate if isinstance(rate, str) else draft.steady_topic(rate, first_s(found, name))
+        f"/{name}": rate
+        if isinstance(rate, str)
+        else draft.steady_topic(rate, first_s(found, name), len(found.spans_ns))
         for name, rate in rates.items()
     }
     graph = heard.graph

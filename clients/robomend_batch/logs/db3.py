@@ -38,6 +38,14 @@ HEADER = struct.Struct(">16xH10xI")
 """Of an SQLite file: the size of a page, and how many there are."""
 
 
+HAS_INDEX = "SELECT count(*) FROM sqlite_master WHERE type = 'index' AND name = 'timestamp_idx'"
+
+BOUNDS = (
+    "SELECT (SELECT min(timestamp) FROM messages), (SELECT max(timestamp) FROM messages),"
+    " (SELECT max(id) FROM messages) - (SELECT min(id) FROM messages) + 1"
+)
+"""First and last time, and how many messages there are if no row was ever deleted."""
+
 MOST_FAR = 100
 """Stamps far from their neighbours that are left out at the beginning of a file, and at its end."""
 
@@ -113,8 +121,8 @@ class Db3:
 
     by_time = True
     checked: bool | None = None
-    start_ns: int | None
-    end_ns: int | None
+    start_ns: int | None = None
+    end_ns: int | None = None
 
     def __init__(self, path: Path) -> None:
         self.cut: str | None = None
@@ -123,43 +131,37 @@ class Db3:
         self._base = _opened(path)
         try:
             self.channels = _channels(self._base)
-            self._check()
+            self._has_index = self._one(HAS_INDEX)[0] > 0
+            try:
+                self._bound()
+            except DAMAGE:
+                self._doubt(self.notes)
+                self.start_ns, self.end_ns = self._rows.bounds() if self._rows else (None, None)
             self._compare(path)
         except DAMAGE as error:
             self._base.close()
             raise Unreadable(f"no recording, or damaged: {damage_of(error)}") from error
 
-    def _check(self) -> None:
-        """Hold rows and index against each other."""
-        first = self._base.execute("SELECT timestamp FROM messages NOT INDEXED LIMIT 1").fetchone()
-        if first is None:
-            self.start_ns = self.end_ns = None
-            return
-        near_ns = first[0] if isinstance(first[0], int) else 0
-        sums = f"count(*), sum(timestamp - {near_ns}), sum(id), min(timestamp), max(timestamp)"
-        table = self._sums(
-            f"SELECT {sums}, sum(topic_id NOT IN (SELECT id FROM topics)) FROM messages NOT INDEXED"
-        )
-        if table and table[5]:
-            self.notes.add("damaged: messages are of topics that are not there", bad=True)
-        query = "SELECT count(*) FROM sqlite_master WHERE type = 'index' AND name = 'timestamp_idx'"
-        has_index = self._base.execute(query).fetchone()[0]
-        index = self._sums(f"SELECT {sums} FROM messages INDEXED BY timestamp_idx") if has_index else None
-        if table is not None and (index == table[:5] or not has_index) and isinstance(table[4], int):
-            if table[3] < 0 or table[4] > LATEST_NS:
-                self.notes.add("damaged: a stamp that no clock shows: left out", bad=True)
-            self.start_ns = self._edge(max(table[3], 0), 1)
-            self.end_ns = self._edge(min(table[4], LATEST_NS), -1)
-            return
-        self.notes.add("damaged: its rows and its index disagree about times", bad=True)
-        self._rows = _Rows(self._base, self.notes, has_index)
-        self.start_ns, self.end_ns = self._rows.bounds()
+    def _one(self, query: str) -> Any:
+        return self._base.execute(query).fetchone()
 
-    def _sums(self, query: str) -> tuple[Any, ...] | None:
-        try:
-            return tuple(self._base.execute(query).fetchone())
-        except DAMAGE:
-            return None
+    def _bound(self) -> None:
+        """Find from when to when its messages are; DAMAGE where the index has more or fewer of them."""
+        first_ns, last_ns, numbers = self._one(BOUNDS)
+        if first_ns is None:
+            return
+        if self._has_index:
+            count = self._one("SELECT count(*) FROM messages INDEXED BY timestamp_idx")[0]
+            if count not in (numbers, self._one("SELECT count(*) FROM messages NOT INDEXED")[0]):
+                raise ValueError
+        if first_ns < 0 or last_ns > LATEST_NS:
+            self.notes.add("damaged: a stamp that no clock shows: left out", bad=True)
+        self.start_ns = self._edge(max(first_ns, 0), 1)
+        self.end_ns = self._edge(min(last_ns, LATEST_NS), -1)
+
+    def _doubt(self, notes: Notes) -> None:
+        notes.add("damaged: its rows and its index disagree", bad=True)
+        self._rows = _Rows(self._base, notes, self._has_index)
 
     def _edge(self, time_ns: int, way: int) -> int:
         """Return the first time, or the last one, that is not far from those of the rows around it."""
@@ -198,22 +200,46 @@ class Db3:
     def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         if not wanted:
             return
+        begin_ns, end_ns = (self.start_ns or 0 if from_ns is None else from_ns), self.end_ns or 0
+        passed = begin_ns, -1  # time, row
         try:
-            if self._rows is not None:
-                yield from self._rows.messages(wanted, from_ns)
-                return
-            marks = ",".join(map(str, sorted(wanted)))
-            data = "data" if any(wanted.values()) else "NULL"
-            query = f"SELECT timestamp, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
-            query += " AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id"
-            begin_ns = self.start_ns if from_ns is None else max(from_ns, self.start_ns or from_ns)
-            with closing(self._base.execute(query, (begin_ns, self.end_ns))) as rows:
-                for time_ns, number, body in rows:
-                    if not isinstance(time_ns, int) or not isinstance(body, bytes | None):
-                        raise ValueError(f"a time that is {time_ns!r}, bytes that are {type(body).__name__}")
-                    yield time_ns, number, body if wanted[number] else None
+            if self._rows is None:
+                kinds = {number: bytes if data else type(None) for number, data in wanted.items()}
+                try:
+                    with closing(self._base.execute(self._query(wanted))) as rows:
+                        for time_ns, number, row_ns, topic, body in rows:
+                            if (
+                                row_ns != time_ns
+                                or type(time_ns) is not int
+                                or type(body) is not kinds[topic]
+                            ):
+                                raise ValueError
+                            if begin_ns <= time_ns <= end_ns:
+                                passed = time_ns, number
+                                yield time_ns, topic, body
+                    return
+                except DAMAGE:
+                    self._doubt(Notes() if from_ns is not None and passed[1] < 0 else self.notes)
+            assert self._rows is not None
+            yield from self._rows.messages(wanted, passed)
         except DAMAGE as error:
             self.cut = f"damaged: {damage_of(error)}"
+
+    def _query(self, wanted: Mapping[int, bool]) -> str:
+        """Ask for messages as the index has them, and those of which a row says otherwise, or is not there.
+
+        All of the index is gone through, as a stamp that is wrong there would end a search.
+        """
+        others = ",".join(str(one.number) for one in self.channels if one.number not in wanted)
+        data = ",".join(str(number) for number in wanted if wanted[number])
+        return (
+            f"SELECT m.timestamp, m.id, r.timestamp, r.topic_id, "
+            f"CASE WHEN r.topic_id IN ({data}) THEN data END"
+            f" FROM (SELECT id, timestamp FROM messages {'INDEXED BY timestamp_idx' * self._has_index}) m"
+            " LEFT JOIN messages r ON r.id = m.id"
+            f" WHERE (r.timestamp = m.timestamp AND r.topic_id IN ({others})) IS NOT TRUE"
+            " ORDER BY m.timestamp, m.id"
+        )
 
     def close(self) -> None:
         self._base.close()
@@ -256,9 +282,10 @@ class _Rows:
     def bounds(self) -> tuple[int | None, int | None]:
         return (self._found[0][0], self._found[-1][0]) if self._found else (None, None)
 
-    def messages(self, wanted: Mapping[int, bool], from_ns: int | None) -> Iterator[Message]:
+    def messages(self, wanted: Mapping[int, bool], passed: tuple[int, int]) -> Iterator[Message]:
+        """Yield those behind a time and a row."""
         for time_ns, number, topic in self._found:
-            if from_ns is not None and time_ns < from_ns:
+            if (time_ns, number) <= passed:
                 continue
             if topic == HOLE:
                 yield hole(time_ns, time_ns)

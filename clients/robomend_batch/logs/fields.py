@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 from robomend_batch.logs.mcap_chunk import unpacked
@@ -38,22 +37,8 @@ def compile_field(
     Raises:
         NoField: the type has no such field.
     """
-    alone = unpacker(fields, type_name, path, cdr=cdr, exact=exact)
-    found = alone or (lambda data: value_at(whole(data), path))
-    if not cdr:
-        return found
-    if alone is None or not exact:
-        return lambda data: found(plain_cdr(data))
-
-    def read(data: bytes) -> Any:
-        try:
-            return found(data)
-        except (ValueError, struct.error, IndexError):
-            if data[:4] != ZSTD:
-                raise
-        return found(plain_cdr(data))
-
-    return read
+    alone = unpacker(fields, type_name, path, cdr=cdr, exact=exact, plain=plain_cdr if cdr else None)
+    return alone or (lambda data: value_at(whole(data), path))
 
 
 def plain(value: Any) -> Any:

@@ -43,7 +43,6 @@ from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.problems import ObserverProblem
 from robomend_client.observers.recording import replay_line
-from robomend_client.ros_graph import lasting_name
 
 TOGETHER = 1 << 16
 
@@ -192,6 +191,8 @@ class Callers:
 
     def heard(self, source: str, node: str, time_ns: int) -> list[str] | None:
         """Take in that a message came; return all who publish it where they are others than before."""
+        from robomend_client.ros_graph import lasting_name  # few observers ask for publishers
+
         heard = self._heard.setdefault(source, {})
         heard[lasting_name(node)] = time_ns
         nodes = sorted(name for name, at_ns in heard.items() if abs(time_ns - at_ns) < OF_LATE_NS)

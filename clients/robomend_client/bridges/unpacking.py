@@ -24,6 +24,8 @@ from robomend_client.paths import BadPath, Key, NotThere, Step, follow, several,
 
 Extract = Callable[[bytes], Any]
 
+Plain = Callable[[bytes], bytes]
+
 Fields = Mapping[str, Any]
 """A typestore's fielddefs: type -> (constants, [(name, description)])."""
 
@@ -102,7 +104,9 @@ class _Steps:
         self.done.append(("numbers", size, size * count))
 
 
-def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: bool = False) -> Extract | None:
+def unpacker(
+    fields: Fields, type_name: str, path: str, *, cdr: bool, exact: bool = False, plain: Plain | None = None
+) -> Extract | None:
     """Return a function from a message's bytes to a field of it; None where only the whole message has it.
 
     Args:
@@ -113,6 +117,7 @@ def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: boo
         exact: refuse messages that are longer or shorter than their type, as rosbags does; without it, and of
             lists, what is behind the field is not looked at. Refused is by ValueError, struct.error or
             IndexError.
+        plain: unpacks a message, or refuses it, before anything of it is looked at.
 
     Raises:
         NoField: the type has no such field. The function itself raises MissingField where a message's list
@@ -120,7 +125,7 @@ def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: boo
     """
     paths = several(path)
     if len(paths) > 1:
-        found = {one: unpacker(fields, type_name, one, cdr=cdr, exact=exact) for one in paths}
+        found = {one: unpacker(fields, type_name, one, cdr=cdr, exact=exact, plain=plain) for one in paths}
         parts = {one: extract for one, extract in found.items() if extract is not None}
         return (lambda data: {o: e(data) for o, e in parts.items()}) if len(parts) == len(paths) else None
     check_path(fields, type_name, path)
@@ -128,14 +133,14 @@ def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: boo
     try:
         way = steps(path)
         if through := _list_on_the_way(fields, type_name, way):
-            return _list_reader(before, type_name, way, through, path)
+            return _list_reader(before, type_name, way, through, path, plain)
         last, behind = _walk(before, type_name, [str(step) for step in way])
         for description in behind if exact else ():
             after.skip(description)
     except _NeedsAll:
         return None
     make = _text_reader if last == "string" else _number_reader
-    return make(before.done, last, cdr, after.done if exact else None)
+    return make(before.done, last, cdr, after.done if exact else None, plain)
 
 
 def layout(fields: Fields, type_name: str, path: str, *, cdr: bool) -> tuple[int, Steps, str, Steps] | None:
@@ -195,38 +200,51 @@ def _walk(steps: _Steps, type_name: str, path: list[str]) -> tuple[str, list[Any
     raise _NeedsAll
 
 
-def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None) -> Extract:
-    """Return the function; where nothing before the field varies in size, it is one `unpack_from`."""
+def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None, plain: Plain | None) -> Extract:
+    """Return the function. A message as long as the one before it, and with the same texts, is laid out as it
+    is, so that what was found of that holds.
+    """
     size = struct.calcsize(FORMATS[last])
     origin = 4 if cdr else 0  # CDR begins with its kind, and aligns from behind that
-    orders = struct.Struct("<" + FORMATS[last]), struct.Struct(">" + FORMATS[last])
+    orders = struct.Struct("<" + FORMATS[last]).unpack_from, struct.Struct(">" + FORMATS[last]).unpack_from
     prefix, rest = _fixed(before, cdr)
-    left = None if after is None else _left(after, cdr)
-    padding = 3 if cdr else 0
+    varying = max((number for number, step in enumerate(rest, 1) if step[0] != "numbers"), default=0)
+    texts_first = all(kind != "sequence" for kind, _, _ in rest)
+    remembered = texts_first and all(kind == "numbers" for kind, _, _ in after or ())
+    only_numbers = after is not None and all(kind == "numbers" for kind, _, _ in (*rest, *after))
+    first = behind = origin + prefix
+    length, head, texts, place, unpack = -1, b"", b"", 0, orders[0]
 
     def read(data: bytes) -> Any:
+        nonlocal length, head, texts, behind, place, unpack
+        if len(data) == length and data[:2] == head and data[first:behind] == texts:
+            return unpack(data, place)[0]
+        if plain is not None:
+            data = plain(data)
         big_endian = cdr and not data[1] & 1
-        at = _skipped(data, prefix, rest, cdr, big_endian) if rest else prefix
+        if big_endian and only_numbers and plain is not None:
+            raise ValueError("it says that it is big endian, and has no length that shows it")
+        at = end = _skipped(data, prefix, rest[:varying], cdr, big_endian)
+        at = _skipped(data, at, rest[varying:], cdr, big_endian)
         if cdr:
             at = (at + size - 1) & -size
         if after is not None:
-            end = at + size
-            if (
-                left is None
-                or not 0 <= len(data) - origin - end - left[end & 7] <= padding
-                or (cdr and data[:2] not in HEADERS)
-            ):
-                _check_end(data, end, after, cdr)
-        return orders[big_endian].unpack_from(data, origin + at)[0]
+            _check_end(data, at + size, after, cdr)
+        found = orders[big_endian](data, origin + at)[0]
+        if remembered:
+            length, head, texts, behind = len(data), data[:2], data[first : origin + end], origin + end
+            place, unpack = origin + at, orders[big_endian]
+        return found
 
     return read
 
 
-def _text_reader(before: Steps, last: str, cdr: bool, after: Steps | None) -> Extract:
+def _text_reader(before: Steps, last: str, cdr: bool, after: Steps | None, plain: Plain | None) -> Extract:
     origin = 4 if cdr else 0
     prefix, rest = _fixed(before, cdr)
 
     def read(data: bytes) -> str:
+        data = data if plain is None else plain(data)
         big_endian = cdr and not data[1] & 1
         at = _skipped(data, prefix, rest, cdr, big_endian)
         end = _skipped(data, at, [("string", 4, 0)], cdr, big_endian)
@@ -277,19 +295,6 @@ def _check_end(data: bytes, at: int, after: Steps, cdr: bool) -> None:
     if not 0 <= spare <= (3 if cdr else 0):
         how = f"{spare} bytes longer" if spare > 0 else f"{-spare} bytes shorter"
         raise ValueError(f"it is {how} than its type")
-
-
-def _left(steps: Steps, cdr: bool) -> list[int] | None:
-    """Return how long these steps are, by where they begin (modulo 8); None where that varies."""
-    lengths = []
-    for begin in range(8):
-        at = begin
-        for kind, align, width in steps:
-            if kind != "numbers":
-                return None
-            at = ((at + align - 1) & -align if cdr else at) + width
-        lengths.append(at - begin)
-    return lengths
 
 
 def _fixed(steps: Steps, cdr: bool) -> tuple[int, Steps]:
@@ -373,7 +378,9 @@ def _list_on_the_way(fields: Fields, type_name: str, way: tuple[Step, ...]) -> i
     return 0
 
 
-def _list_reader(before: _Steps, type_name: str, way: tuple[Step, ...], number: int, path: str) -> Extract:
+def _list_reader(
+    before: _Steps, type_name: str, way: tuple[Step, ...], number: int, path: str, plain: Plain | None
+) -> Extract:
     """Return the function from a message to elements of a list, or to what is in them."""
     fields, cdr = before.fields, before.cdr
     for step in way[:number]:
@@ -393,6 +400,7 @@ def _list_reader(before: _Steps, type_name: str, way: tuple[Step, ...], number: 
     width = struct.calcsize(FORMATS[element[1][0]]) if _is_number(element) else 0
 
     def read(data: bytes) -> Any:
+        data = data if plain is None else plain(data)
         big_endian = cdr and not data[1] & 1
         origin = 4 if cdr else 0
         if cdr and data[:2] not in HEADERS:

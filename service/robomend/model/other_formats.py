@@ -6,29 +6,15 @@ A row: what the format is called, how its text (or its first bytes) is told, and
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 LOOKED_AT = 20_000
 """Characters; whoever writes longer comments is told what is wrong in general words."""
 
 
-@dataclass(frozen=True, slots=True)
-class OtherFormat:
-    """A format that is none of ours."""
-
-    name: str
-    pattern: re.Pattern[str]
-    advice: str
-
-
-def _row(name: str, pattern: str, advice: str) -> OtherFormat:
-    return OtherFormat(name, re.compile(pattern, re.MULTILINE), advice)
-
-
 XML = r"\A\s*(?:<!--[\s\S]*?-->\s*|<[?!][^>]*>\s*)*"
 """What stands before the first element."""
 
-OURS = re.compile(r"^robomend\s*:", re.MULTILINE)
+OURS = r"^robomend\s*:"
 
 FROM_ROS = "`robomend model from-ros` drafts a model of a running robot, or of its launch files"
 FROM_LAUNCH = "`robomend model from-ros --launch FILE` drafts a model of it"
@@ -37,82 +23,86 @@ RECORDING = (
 )
 CIRCUIT = "write it as a .bench netlist (abc and yosys convert: `write_bench`)"
 
-FORMATS = (
-    _row("a ROS 1 bag", r"\A#ROSBAG V", RECORDING),
-    _row("an MCAP recording", r"\A\x89MCAP0", RECORDING),
-    _row("an SQLite file, as .db3 of rosbag2", r"\ASQLite format 3", RECORDING),
-    _row(
-        "a ULog of PX4", r"\AULog\x01", "convert it to CSV or a bag first (pyulog: `ulog2csv`, `ulog2rosbag`)"
-    ),
-    _row("a bag of an old ROS", r"\A#ROS(?:RECORD|BAG V1)", "convert it first: `rosbag fix`"),
-    _row("a zip archive", r"\APK\x03\x04", "unpack it first"),
-    _row("an xz archive", r"\A\ufffd7zXZ", "unpack it first (xz -d)"),
-    _row("an lz4 file", r"\A\x04\"M\x18", "unpack it first (lz4 -d)"),
-    _row("a PDF", r"\A%PDF-", "it is none that is read"),
-    _row(
+FORMATS: tuple[tuple[str, str, str], ...] = (
+    ("a ROS 1 bag", r"\A#ROSBAG V", RECORDING),
+    ("an MCAP recording", r"\A\x89MCAP0", RECORDING),
+    ("an SQLite file, as .db3 of rosbag2", r"\ASQLite format 3", RECORDING),
+    ("a ULog of PX4", r"\AULog\x01", "convert it to CSV or a bag first (pyulog: `ulog2csv`, `ulog2rosbag`)"),
+    ("a bag of an old ROS", r"\A#ROS(?:RECORD|BAG V1)", "convert it first: `rosbag fix`"),
+    ("a zip archive", r"\APK\x03\x04", "unpack it first"),
+    ("an xz archive", r"\A\ufffd7zXZ", "unpack it first (xz -d)"),
+    ("an lz4 file", r"\A\x04\"M\x18", "unpack it first (lz4 -d)"),
+    ("a PDF", r"\A%PDF-", "it is none that is read"),
+    (
         "metadata of rosbag2",
         r"^rosbag2_bagfile_information:",
         "name the folder that it is in, or the .mcap or .db3 beside it",
     ),
-    _row("a URDF robot description", XML + r"<robot\b", f"it has links and joints, no nodes. {FROM_ROS}"),
-    _row("an SDF world", XML + r"<sdf\b", f"it has links and joints, no nodes. {FROM_ROS}"),
-    _row("a launch file in XML", XML + r"<launch\b", FROM_LAUNCH),
-    _row("a launch file in Python", r"\bLaunchDescription\s*\(|def generate_launch_description", FROM_LAUNCH),
-    _row("a launch file in YAML", r"^launch:\s*$", FROM_LAUNCH),
-    _row("a package manifest of ROS", XML + r"<package\b", FROM_ROS),
-    _row("an XML file", r"\A\s*<\?xml", "it is none that is read"),
-    _row(
+    ("a URDF robot description", XML + r"<robot\b", f"it has links and joints, no nodes. {FROM_ROS}"),
+    ("an SDF world", XML + r"<sdf\b", f"it has links and joints, no nodes. {FROM_ROS}"),
+    ("a launch file in XML", XML + r"<launch\b", FROM_LAUNCH),
+    ("a launch file in Python", r"\bLaunchDescription\s*\(|def generate_launch_description", FROM_LAUNCH),
+    ("a launch file in YAML", r"^launch:\s*$", FROM_LAUNCH),
+    ("a package manifest of ROS", XML + r"<package\b", FROM_ROS),
+    ("an XML file", r"\A\s*<\?xml", "it is none that is read"),
+    (
         "analyzers of diagnostic_aggregator",
         r"type:\s*['\"]?diagnostic_aggregator/",
         "`robomend model from-ros --analyzers FILE` drafts a model of its groups",
     ),
-    _row(
+    (
         "a graph of Graphviz",
         r"\A\s*(?:strict\s+)?(?:di)?graph\b[^{]*\{",
         "of one that rqt_graph has saved, `robomend model from-ros --dump FILE` drafts a model",
     ),
-    _row(
+    (
         "a clause list in DIMACS (WCNF, CNF)",
         r"^p\s+w?cnf\s",
         "it names no components. A system with several observations has a name that ends in .wcnf; else take "
         "the circuit or model that it was made of",
     ),
-    _row("a circuit in AIGER", r"\Aa[ai]g \d+ \d+", CIRCUIT),
-    _row("a circuit in BLIF", r"^\.model\b", CIRCUIT),
-    _row("a circuit in Verilog", r"^\s*module\s+\\?\w+\s*[(;#]", CIRCUIT),
-    _row("a circuit in VHDL", r"(?i)^\s*entity\s+\w+\s+is\b", CIRCUIT),
-    _row(
+    ("a circuit in AIGER", r"\Aa[ai]g \d+ \d+", CIRCUIT),
+    ("a circuit in BLIF", r"^\.model\b", CIRCUIT),
+    ("a circuit in Verilog", r"^\s*module\s+\\?\w+\s*[(;#]", CIRCUIT),
+    ("a circuit in VHDL", r"(?i)^\s*entity\s+\w+\s+is\b", CIRCUIT),
+    (
         "a LyDiA model",
         r"^\s*system\s+\w+\s*\(|^\s*attribute\s+\w+.*;|^\s*type\s+\w+\s*=\s*enum\b",
         "write its components and rules as a component model (`robomend init model`); of circuits a .bench "
         "netlist will do",
     ),
-    _row(
+    (
         "PDDL",
         r"^\s*\(\s*define\s*\(\s*(?:domain|problem)\b",
         "it is for repairs: `robomend plan --domain FILE`, beside a model",
     ),
-    _row(
+    (
         "an SMT-LIB script",
         r"^\s*\((?:set-logic|declare-fun|assert)\b",
         "write its rules as a five-key model",
     ),
-    _row(
+    (
         "an answer set program (or Prolog)",
         r"^\s*(?:[a-z_]\w*(?:\([^()]*\))?\s*\.|[^%\n]*:-|#(?:show|const|program|minimize|include)\b.*\.)\s*(?:%.*)?$",
         "write components and rules as a component model (`robomend init model`) or a five-key model",
     ),
-    _row("a file of Python", r"^(?:from|import)\s+\w|^def\s+\w+\(", "a model is YAML or a .bench netlist"),
+    ("a file of Python", r"^(?:from|import)\s+\w|^def\s+\w+\(", "a model is YAML or a .bench netlist"),
 )
 
 
 def named(text: str) -> str | None:
     """Return what a text is and what to do with it; None if nobody here knows it."""
     head = text[:LOOKED_AT].removeprefix("\ufeff")
-    if OURS.search(head):
+    if re.search(OURS, head, re.MULTILINE):
         return None
-    found = next((one for one in FORMATS if one.pattern.search(head)), None)
-    return None if found is None else f"this is {found.name}: {found.advice}"
+    return next(
+        (
+            f"this is {name}: {advice}"
+            for name, pattern, advice in FORMATS
+            if re.search(pattern, head, re.MULTILINE)
+        ),
+        None,
+    )
 
 
 def named_bytes(data: bytes) -> str | None:

@@ -193,6 +193,17 @@ def test_what_the_other_logs_alone_would_call_false_in_one_is_left_as_a_comment(
     assert "odom" not in names
 
 
+def test_a_start_that_one_log_alone_shows_may_be_later_in_another(tmp_path: Path) -> None:
+    good, late = (
+        write(tmp_path / f"{name}.bag", [*steady("odom", 20, 80), *steady("imu", 20, 80, 0, start_s)])
+        for name, start_s in (("good", 0), ("late", 9.2))
+    )
+    assert learn(good, "-o", tmp_path / "draft", "--quiet") == 0
+    model, observers = tmp_path / "draft" / "model.yaml", tmp_path / "draft" / "observers.yaml"
+    assert batch_run(tmp_path / "out", late, "--observers", observers, model=model) == 0
+    assert [one for one in intervals(tmp_path / "out") if one["state"] == "faulty"] == []
+
+
 def test_what_was_held_up_before_a_recording_and_comes_at_once_is_no_wrong_rate(tmp_path: Path) -> None:
     good = write(tmp_path / "good.mcap", steady("scan", 10, 120))
     assert learn(good, "-o", tmp_path, "--quiet") == 0
