@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import Callable, Collection
 from functools import partial
+from operator import eq
 
 import pytest
 from tests.store.examples import intents, with_robots
@@ -17,6 +18,7 @@ from robomend.store import (
     agent_actions,
     api_keys,
     attempts,
+    drills,
     journal,
     models,
     repairs,
@@ -39,6 +41,19 @@ async def own(store: Store, robot: str = "r1") -> Fence:
     fence = await store.ownership.acquire(robot)
     assert fence is not None
     return fence
+
+
+async def test_an_answer_to_a_request_about_a_drill_leaves_a_newer_one_in_its_place(store: Store) -> None:
+    fence = await own(store)
+    drill = await store.write(lambda tx: drills.create(tx, "r1", state="planting", data={}))
+    asked = []
+    for what in ("cancel", "abandon"):
+        found = await store.write(partial(drills.ask, drill=drill.id, what=what, by="ada", reason=""))
+        asked.append(found.asked)
+    update = partial(drills.update, drill=drill.id, state="undoing", data={}, open=True, watched=False)
+    for answered, left in zip(asked, (asked[1], None), strict=True):
+        write = partial(update, fence=fence, answered=partial(eq, answered))
+        assert (await store.write(write, robots=("r1",))).asked == left
 
 
 async def begin(store: Store, fence: Fence) -> StoredRepair:

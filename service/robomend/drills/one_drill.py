@@ -15,6 +15,7 @@ import asyncio
 import time
 from dataclasses import dataclass
 from functools import partial
+from operator import eq
 
 import structlog
 
@@ -183,24 +184,27 @@ class OneDrill:
         stop = self._needs.switch.stop
         by = asked.by if asked is not None else stop.by or "robomend"
         reason = f"{asked.what}: {asked.reason}".rstrip(": ") if asked is not None else ""
+        answered = partial(eq, asked)
         if (
             asked is not None
             and asked.what == "abandon"
             and state in {DrillState.UNDOING, DrillState.STOPPED}
         ):
             left = f"{reason}; not undone by robomend: {record.data['undo']}"
-            await record.update(DrillTrigger.ABANDONED, reason=left, by=by, answered=True)
+            await record.update(DrillTrigger.ABANDONED, reason=left, by=by, answered=answered)
         elif state is DrillState.WAITING:
             why = reason or f"global stop: {stop.reason}"
-            await record.update(DrillTrigger.WITHDRAWN, reason=why, by=by, answered=True, undone=True)
+            await record.update(DrillTrigger.WITHDRAWN, reason=why, by=by, answered=answered, undone=True)
         elif stop.active and state is not DrillState.STOPPED:
             why = f"global stop: {stop.reason}; when it is lifted: {record.data['undo']}"
             cut_short = record.data.get("cut_short") or f"global stop: {stop.reason}"
             await record.update(DrillTrigger.STOPPED, reason=why, by=by, cut_short=cut_short)
         elif asked is not None and state in {DrillState.PLANTING, DrillState.PLANTED}:
-            await record.update(DrillTrigger.CUT_SHORT, reason=reason, by=by, answered=True, cut_short=reason)
+            await record.update(
+                DrillTrigger.CUT_SHORT, reason=reason, by=by, answered=answered, cut_short=reason
+            )
         elif asked is not None:  # too late: it is being undone
-            await record.note(answered=True)
+            await record.note(answered=answered)
         if self._request is asked:
             self._request = None
 
@@ -284,7 +288,7 @@ class OneDrill:
     async def _until_done(self, what: str) -> bool:
         """Ask a person to do something; return whether they said `done` within the drill's bound."""
         self._done.clear()
-        await self._record.note(answered=True, waiting_for=what)
+        await self._record.note(answered=lambda one: one.what == "done", waiting_for=what)
         await wait_for(self._done, self._record.data["bound_s"])
         return self._done.is_set()
 

@@ -225,14 +225,14 @@ class DrillRecord:
         *,
         reason: str = "",
         by: str = LOOP,
-        answered: bool = False,
+        answered: Callable[[DrillRequest], bool] | None = None,
         also: Callable[[Transaction], None] | None = None,
         **changes: Any,
     ) -> None:
         """Note what happened and the state after it.
 
         Args:
-            answered: what was asked of the drill is done with.
+            answered: whether a request is done with; a newer one may be there by now.
             also: what the same transaction does first; where it raises, nothing is written.
         """
         before = self.state
@@ -267,7 +267,7 @@ class DrillRecord:
 
         self._drill = await self._store.write(write, robots=(self.robot,))
 
-    async def note(self, *, answered: bool = False, **changes: Any) -> None:
+    async def note(self, *, answered: Callable[[DrillRequest], bool] | None = None, **changes: Any) -> None:
         """Write something down that changes no state."""
         data = {**self.data, **changes}
 

@@ -5,6 +5,7 @@ What the owner writes carries its fence, as repairs do (see repairs.py).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 
 from sqlalchemy import select
@@ -80,9 +81,9 @@ def update(
     open: bool,
     watched: bool,
     fence: Fence,
-    answered: bool = False,
+    answered: Callable[[DrillRequest], bool] | None = None,
 ) -> StoredDrill:
-    """Note what a drill has come to; `answered`: what was asked of it is done with."""
+    """Note what a drill has come to; `answered`: whether a request is done with. A newer one may be there."""
     tx.check_fence(fence.robot, fence)
     values: dict[str, object] = {
         "state": checked(state),
@@ -91,7 +92,8 @@ def update(
         "watched": watched,
         "updated_ns": tx.now_ns,
     }
-    if answered:
+    asked = None if answered is None else get(tx, drill).asked
+    if answered is not None and asked is not None and answered(asked):
         values["asked"] = None
     of_robot = (_DRILLS.c.id == checked(drill)) & (_DRILLS.c.robot == fence.robot)
     tx.change(_DRILLS.update().where(of_robot).values(values))
