@@ -215,6 +215,20 @@ async def test_a_reading_that_falls_changes_the_variant_and_back_and_nothing_is_
         assert 'robomend_configuration_changes_total{state="changed"} 2.0' in metrics
 
 
+async def test_a_way_back_to_a_variant_that_the_model_has_no_more_is_forgotten(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.visibility = 2.9
+        await ended(runtime, 1)
+        model = re.sub("      high: .*\n", "", MODEL).replace("[high, medium, low]", "[medium, low]")
+        await runtime.robots.models.put("rover", model, format=None, expected=ANY, by="test")
+        rover.visibility = 2.0
+        await ended(runtime, 2)
+        rover.visibility = 2.9
+        changes = await ended(runtime, 3)
+        assert texts(changes[1:]) == [("medium", "low", "changed"), ("low", "medium", "changed")]
+
+
 async def test_a_dead_device_is_bridged_at_once_and_the_robot_is_degraded(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, rover_on(runtime) as rover:
         await rover.settled()

@@ -416,8 +416,14 @@ class Keeper:
         return "", 0
 
     def _lately(self, function: Function, now_ns: int) -> list[Made]:
-        """Return the changes of a function within the hour."""
-        return [one for one in self.made if one.function == function.name and now_ns - one.time_ns < HOUR_NS]
+        """Return the changes of a function within the hour, between variants that the model has still."""
+        return [
+            one
+            for one in self.made
+            if one.function == function.name
+            and now_ns - one.time_ns < HOUR_NS
+            and {one.source, one.target} <= function.variants.keys()
+        ]
 
     def _undone(self, function: Function, target: str, now_ns: int) -> list[Made]:
         """Return the changes within the hour by which a change for the better was undone soon.

@@ -431,7 +431,7 @@ class Changes:
         measured meanwhile changes with each reading.
         """
         for name, state in states.items():
-            before = self._worse.get(name)
+            before = self._to_undo(name, state.standings)
             if not before or state.waits is None:
                 continue
             (variant, why), (id_, source) = state.waits, before[-1]
@@ -736,9 +736,15 @@ class Changes:
         reason = str(record.data.get("reason") or "")
         await record.note(ChangeTrigger.SEEN, reason, also=came_back, changed_ns=known)
 
+    def _to_undo(self, function: str, variants: Collection[str]) -> list[tuple[str, str]]:
+        """Return a function's changes for the worse that can be undone: of a variant that the model has."""
+        kept = [one for one in self._worse.get(function, ()) if one[1] in variants]
+        self._worse[function] = kept
+        return kept
+
     def _undone(self, state: Robot, change: VariantChange, id_: str) -> list[str]:
         """Return the changes that this one undoes; note one for the worse, to be undone."""
-        before = self._worse.setdefault(change.function, [])
+        before = self._to_undo(change.function, state.functions[change.function].variants)
         if not change.better:
             before.append((id_, change.source))
             return []
