@@ -66,8 +66,8 @@ def test_a_halted_process_goes_on_and_a_killed_one_is_started(tmp_path: Path, se
         first = pid(tmp_path)
         wanted = {"plant_fault:walker", "undo_fault:walker"}
         eventually(lambda: service.polls and wanted <= set(service.polls[-1]["can"]), "both are offered")
-        done = service.do("d:1", "plant_fault", "walker", "node-frozen", "60")
-        assert (done["code"], halted(first)) == (OK, True)
+        assert service.do("d:1", "plant_fault", "walker", "node-frozen", "60")["code"] == OK
+        eventually(lambda: halted(first), "it has come to the signal")
         assert [one["component"] for one in leases(tmp_path)] == ["walker"]
         assert service.do("d:2", "plant_fault", "walker", "node-killed", "60")["code"] == REFUSED
         assert service.do("d:3", "undo_fault", "walker", "node-frozen")["code"] == OK
@@ -186,7 +186,7 @@ def test_the_next_agent_undoes_nothing_during_the_global_stop(tmp_path: Path, se
         running.wait(60)
     with agent(file):
         eventually(lambda: len(asked) >= 2, "the agent has asked twice")
-        assert halted(first)
+        eventually(lambda: halted(first), "it has come to the signal")
         active[0] = None
         seen = len(asked)
         eventually(lambda: len(asked) >= seen + 2, "and twice more")
