@@ -62,6 +62,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "robomend-bench robots-v1": (*SUITE, "--only", "100"),
     "robomend-bench multi-observation": SUITE,
     "robomend-bench itc99": SUITE,
+    "robomend-bench plans --mode cost": (*SUITE, "--engines", "asp", "--only", "small-robots"),
     "robomend-bench plans": (*SUITE, "--only", "tedusar"),
     "robomend-bench mutated": ("--only", "c17", "--instances", "1", "--timeout", "1"),
     "robomend-bench isolability": ("--only", "30", "--repeats", "1"),
