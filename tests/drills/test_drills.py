@@ -228,9 +228,9 @@ def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(
 def test_an_undo_that_will_never_work_is_left_to_a_person_who_says_so(robot: DrilledRobot) -> None:
     robot.configure(policy="approve")
     try:
-        drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
+        drill = robot.start_drill("node-frozen", "mapping", bound_s=300.0, detect_s=200.0)
         robot.in_state(drill["id"], "planted")
-        robot.kill("agent")
+        robot.kill("agent")  # before the bound is over: else it undoes the fault itself
         robot.in_state(drill["id"], "undoing")
         with robot.client as client:
             client.decide_drill(drill["id"], "abandon", "its computer burnt")

@@ -60,6 +60,16 @@ print(master.uri, flush=True)
 sys.stdin.read()
 """
 
+TALKS = """
+threading.Thread(target=talk, daemon=True).start()
+print("up", flush=True)
+for line in sys.stdin:
+    with lock:
+        silent ^= {line.strip()}
+        print(last_ns.get(line.strip(), 0), flush=True)
+"""
+"""Ends a node's script: it talks, and each line of stdin silences a topic, or has it talk again."""
+
 ROS1_NODE = """
 import sys, threading, time, rospy
 from std_msgs.msg import Float64
@@ -75,12 +85,6 @@ def talk():
                     last_ns[topic] = time.time_ns()
                     publisher.publish(1.0)
         rate.sleep()
-threading.Thread(target=talk, daemon=True).start()
-print("up", flush=True)
-for line in sys.stdin:
-    with lock:
-        silent ^= {line.strip()}
-        print(last_ns.get(line.strip(), 0), flush=True)
 """
 
 ROS1_WORDS = """
@@ -112,7 +116,7 @@ def ros1_network(folder: Path, stack: ExitStack) -> RosNetwork:
     return RosNetwork({"master": uri}, ROS1_PYTHON, {**environment, "ROS_MASTER_URI": uri})
 
 
-ROS1 = Ros("ros1", ros1_python, ros1_network, ROS1_NODE, ROS1_WORDS)
+ROS1 = Ros("ros1", ros1_python, ros1_network, ROS1_NODE + TALKS, ROS1_WORDS)
 
 ROS2_PYTHONS = (os.environ.get("ROBOMEND_RCLPY_PYTHON", ""), sys.executable, "/usr/bin/python3")
 
@@ -133,12 +137,6 @@ def talk():
                     publisher.publish(Float64(data=1.0))
         due = max(due + 0.1, time.monotonic())
         time.sleep(max(0, due - time.monotonic()))
-threading.Thread(target=talk, daemon=True).start()
-print("up", flush=True)
-for line in sys.stdin:
-    with lock:
-        silent ^= {line.strip()}
-        print(last_ns.get(line.strip(), 0), flush=True)
 """
 
 ROS2_WORDS = """
@@ -183,7 +181,7 @@ def ros2_network(folder: Path, stack: ExitStack) -> RosNetwork:
     return RosNetwork({"domain": domain, "discovery": "localhost"}, ros2_python(), environment)
 
 
-ROS2 = Ros("ros2", ros2_python, ros2_network, ROS2_NODE, ROS2_WORDS)
+ROS2 = Ros("ros2", ros2_python, ros2_network, ROS2_NODE + TALKS, ROS2_WORDS)
 
 
 def _has(python: str, modules: str) -> bool:

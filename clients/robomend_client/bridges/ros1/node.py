@@ -107,10 +107,7 @@ class RosNode:
         """Topics of which nothing would be heard if there were something: no publisher is connected, and who
         publishes is not known.
         """
-        known = self.known.is_set()
-        return {
-            topic for topic, one in self._subscriptions.items() if not one.nodes and (one.open or not known)
-        }
+        return {topic for topic in self.connecting if not self._subscriptions[topic].nodes}
 
     @property
     def connecting(self) -> set[str]:
