@@ -12,6 +12,8 @@ from typing import Any
 
 import click
 
+from robomend_client.counts import first_few
+
 Figures = dict[str, Any]
 
 LISTED = 5
@@ -55,8 +57,7 @@ def shown(figure: Any) -> str:
     if isinstance(figure, dict):
         return ", ".join(f"{name} {shown(one)}" for name, one in figure.items()) or "none"
     if isinstance(figure, list):
-        more = f"; and {len(figure) - LISTED} more" if len(figure) > LISTED else ""
-        return "; ".join(map(shown, figure[:LISTED])) + more or "none"
+        return first_few([shown(one) for one in figure], LISTED, "; ") or "none"
     if isinstance(figure, int | float):
         return f"{figure:,}"
     return str(figure)

@@ -123,14 +123,21 @@ def test_a_moment_on_a_computer_that_is_starved_again_and_again_is_taken_by_the_
 def test_a_process_that_ends_comes_with_its_last_words_made_safe(
     service: ServiceDouble, tmp_path: Path
 ) -> None:
-    processes = {"lidar": {"command": [sys.executable, "-c", SAYS, "1"], "start": True}}
+    """One that was stopped by order is no moment."""
+    wheels = {"command": ["sleep", "600"], "start": True}
+    processes = {"wheels": wheels, "lidar": {"command": [sys.executable, "-c", SAYS, "1"]}}
     with agent(config(tmp_path, service.url, processes, moments={"after_s": 1.5})):
+        eventually(lambda: service.holds().get("running(wheels)"), "that the wheels run")
+        assert service.do("r:1", "stop_node", "wheels")["code"] == 0
+        eventually(lambda: service.holds().get("running(wheels)") is False, "that the wheels do not run")
+        assert service.do("r:2", "start_node", "lidar")["code"] == 0
         eventually(lambda: complete(service), "a moment")
     [moment] = complete(service)
     assert moment["literals"][0]["literal"] == "not running(lidar)"
-    [row] = moment["frame"]["processes"]
+    assert len(moment["literals"]) == 1
+    row, _ = moment["frame"]["processes"]
     assert row["about"].startswith("exit code 1")
-    [said] = moment["frame"]["logs"]
+    said = moment["frame"]["logs"][0]
     assert said["lines"][-1] == "cannot open /dev/lidar"
     assert len(json.dumps(moment)) < 100_000
 

@@ -156,7 +156,7 @@ def test_what_is_long_is_cut() -> None:
     plan = [{**WAITING["plan"][0], "parameters": [f"c{n}"]} for n in range(500)]
     notice = told(Kind.REPAIR, {**WAITING, "plan": plan, "reason": "x" * 5000})
     assert notice.lines[0] == "Power up c0, power up c1 and 498 more?"
-    assert notice.lines[1].endswith("Power up c19 and 480 more")
+    assert notice.lines[1].endswith("Power up c19; and 480 more")
     assert len(notice.lines[3]) < 1100
 
 

@@ -135,6 +135,9 @@ class Robot:
     def rose_ns(self, atom: Atom) -> int | None:
         return None
 
+    def fell_ns(self, atom: Atom) -> int | None:
+        return None
+
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return inf
 

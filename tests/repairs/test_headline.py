@@ -243,6 +243,32 @@ async def test_while_its_restart_is_under_way_a_node_is_said_to_be_restarted(tmp
     assert "because of lidar_node" not in now["headline"] + there
 
 
+def test_of_a_repair_that_ended_well_it_is_said_what_was_wrong() -> None:
+    done = {
+        "symptoms": [symptom("not on(hokuyo)", "hokuyo"), symptom("not ok(scan)")],
+        "plan": [step("power_up", "hokuyo")],
+        "diagnosis": {"bad": ["hokuyo"]},
+    }
+    of = repair(RepairState.REPAIRED, rounds=[done], created_ns=AT, finished_ns=AT + 61 * 10**9)
+    assert of_repair(of).text(NOW) == (
+        "hokuyo had no power from 23:23:04 to 23:24:05; scan followed. This helped: Power up hokuyo."
+    )
+    assert (
+        of_repair({**of, "rounds": [{**done, "helped": False}]})
+        .text(NOW)
+        .endswith("It is not seen that this helped: Power up hokuyo.")
+    )
+    assert of_repair({**of, "rounds": []}).text(NOW) == (
+        "Well again since 23:24:05. Nothing was done: it became so by itself."
+    )
+
+
+def test_what_is_being_acted_on_is_not_called_unobserved() -> None:
+    acting = repair(RepairState.RUNNING, plan=[{**step("start_node", "mapper"), "state": "running"}])
+    partly = {"health": HealthState.PARTLY_UNKNOWN, "unknown": ["ok(map)"], "since_ns": AT}
+    assert said(**partly, repair=acting)[0] == "mapper is being started; map is not judged anew yet."
+
+
 def test_healthy_unknown_and_never_reported() -> None:
     healthy = HealthState.HEALTHY
     assert said(health=healthy, since_ns=AT) == ("Healthy since 23:23:04.", "Nothing is to be done.")

@@ -11,7 +11,17 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from tests.repairs.robot import CONFIG, HARDWARE, MODEL, NODES, Robot, running, service, the_repair
+from tests.repairs.robot import (
+    CONFIG,
+    HARDWARE,
+    MODEL,
+    NODES,
+    Robot,
+    repaired,
+    running,
+    service,
+    the_repair,
+)
 
 from robomend.api.runtime import Runtime
 from robomend.repairs.conclusions import Silent, end_of
@@ -40,6 +50,21 @@ BOOTS_AT_ONCE = MODEL.replace("channel: 7", "channel: 7, boot_s: 0.1").replace(
     "channel: 3", "channel: 3, boot_s: 0.1"
 )
 """Where nobody knows how long a device boots, the third start of its driver waits for a minute."""
+
+
+async def test_a_driver_that_ends_again_after_each_start_is_said_to(tmp_path: Path) -> None:
+    async def starts(robot: Robot, name: str, parameter: str) -> int | None:
+        if name == "start_node":
+            robot.running[parameter] = True
+            await robot.report()
+            robot.running[parameter] = False
+        return 0
+
+    found, _ = await repaired(tmp_path, lambda robot: robot.do("stop_node", "mapping"), spoil=starts, **QUICK)
+    assert found["state"] == "escalated"
+    assert found["reason"].startswith(
+        "start_node(mapping) answered 'done', and mapping ended again (3 times)"
+    )
 
 
 def breaks(robot: Robot, chance: random.Random) -> None:

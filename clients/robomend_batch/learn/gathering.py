@@ -27,7 +27,7 @@ from robomend_batch.logs.kinds import RECORDINGS, kind_of
 from robomend_batch.logs.recorded import HOLE, Channel, Recording, Unreadable
 from robomend_batch.logs.wanted import STATUSES, WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import number_of
 from robomend_client.observers.rosout import reaches
@@ -245,13 +245,12 @@ def heard_of(found: Gathered, live: RosGraph = NO_GRAPH) -> Heard:
         )
         for (_, name), status in found.statuses.items()
     }
-    names = ", ".join(Path(name).name for name in found.names[:3])
-    more = f" and {len(found.names) - 3} more" if len(found.names) > 3 else ""
+    names = first_few([Path(name).name for name in found.names], 3)
     others = ", ".join(sorted(node.removeprefix("/") for node in found.nodes))
     origin = "ros1" if any(".bag" in Path(name).suffixes for name in found.names) else "ros2"
     return Heard(
         graph,
-        f"{counted(len(found.names), 'recording')} of a healthy robot: {names}{more}",
+        f"{counted(len(found.names), 'recording')} of a healthy robot: {names}",
         end_ns / SECOND,
         end_ns,
         topics,

@@ -17,6 +17,7 @@ from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
 from robomend_bench.faults.times import Part
 from robomend_bench.intervals import bootstrap, poisson, quantile, wilson
+from robomend_client.counts import first_few
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,7 +270,7 @@ class Report:
         found = [score for score in self.scores if of(score)]
         if found:
             yield from ("", f"### {title} ({len(found)} trials)", "")
-            yield from (f"- `{self.again(s.trial)}`: {_shortened(of(s))}" for s in found[:LISTED])
+            yield from (f"- `{self.again(s.trial)}`: {first_few(of(s), NAMED, '; ')}" for s in found[:LISTED])
 
     def _ended_wrong(self) -> Iterator[str]:
         found = [s for s in self.group("faults") if not (s.right or s.false_repaired or s.called_healthy)]
@@ -303,11 +304,6 @@ class Report:
             "late": [{"trial": trial, "late_s": late_s} for trial, late_s in self.late],
             "scores": [score.as_json() for score in self.scores],
         }
-
-
-def _shortened(items: Sequence[str]) -> str:
-    more = f"; and {len(items) - NAMED} more" if len(items) > NAMED else ""
-    return "; ".join(items[:NAMED]) + more
 
 
 def _class_of(score: Score) -> str:

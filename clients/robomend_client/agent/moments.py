@@ -205,6 +205,9 @@ class Moments:
     def _turned_bad(self, change: Change) -> None:
         one = self._open
         if one is None:
+            process = self.processes.get(change.atom.args[0]) if change.atom.predicate == "running" else None
+            if process is not None and process.resting:
+                return
             if not self._may_open():
                 self._missed += 1
                 log.info("%s: no moment is kept of it, there were too many", change.value)

@@ -197,6 +197,11 @@ class SupervisedProcess:
     def running(self) -> bool:
         return self.phase in (Phase.RUNNING, Phase.STOPPING)
 
+    @property
+    def resting(self) -> bool:
+        """Whether it does not run by order: it was stopped, or never started."""
+        return not self.running and (self._was_stopped or not self._began)
+
     async def start(self, feedback: Feedback, timeout_s: float) -> ActionResult:
         """Start it and wait for the evidence; a process that runs already is left alone."""
         async with timeout(timeout_s), self._turn:

@@ -24,6 +24,7 @@ from robomend_client.beats import beat
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.opened import OpenedMessage
 from robomend_client.bridges.problems import Problems
+from robomend_client.counts import first_few
 from robomend_client.observers.rosout import reaches
 from robomend_client.python310 import end
 from robomend_client.ros_graph import Ear, Heard, HeardDevice, HeardStatus, RosGraph, lasting_name, logged_by
@@ -152,8 +153,7 @@ class Hearing(ABC):
         for topic, why in sorted(self._mismatches().items()):
             alike.setdefault(why, []).append(topic.removeprefix("/"))
         for why, named in alike.items():
-            more = f" and {len(named) - SHOWN} more" if len(named) > SHOWN else ""
-            remarks.append(f"{', '.join(named[:SHOWN])}{more}: {why}")
+            remarks.append(f"{first_few(named, SHOWN)}: {why}")
         statuses = {
             name: HeardStatus(
                 frozenset(levels),

@@ -21,7 +21,7 @@ from robomend.cli.config import read_settings, settings_options
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.errors import RobomendError
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 
 if TYPE_CHECKING:
     from http.client import HTTPConnection
@@ -220,9 +220,8 @@ def _growth(settings: Settings) -> str:
     if not found.bytes_a_day:
         return "nothing is in the history yet"
     most = sorted(found.robots.items(), key=lambda item: -item[1])
-    shown = ", ".join(f"{robot} {_mb(size)}" for robot, size in most[:SHOWN])
-    more = f" and {len(most) - SHOWN} more" if len(most) > SHOWN else ""
-    said = f"{_mb(found.bytes_a_day)} a day, by the last {24 * found.days:.1f} h of history ({shown}{more})"
+    shown = first_few([f"{robot} {_mb(size)}" for robot, size in most], SHOWN)
+    said = f"{_mb(found.bytes_a_day)} a day, by the last {24 * found.days:.1f} h of history ({shown})"
     kept = found.kept(kept_by(settings))
     if kept is not None:
         said += f"; {_mb(kept)} once what is written is what retention removes"

@@ -24,6 +24,7 @@ from robomend.errors import ModelError
 from robomend.model.cnf import Clause, HealthCnf, Rule
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom, quote
 
 PORT = re.compile(r"P?(INPUT|OUTPUT)\s*\(\s*([^\s(),=#]+)\s*\)\Z", re.IGNORECASE)
@@ -260,5 +261,4 @@ def _unused(
     read = {net for gate in gates.values() for net in gate.inputs}
     idle = [net for net in (*inputs, *gates) if net not in read and net not in outputs]
     if idle:
-        more = f" and {len(idle) - 10} more" if len(idle) > 10 else ""
-        yield f"nothing reads {', '.join(idle[:10])}{more}, and no output shows it"
+        yield f"nothing reads {first_few(idle, 10)}, and no output shows it"

@@ -10,7 +10,7 @@ from robomend.model.components import Node
 from robomend.model.functions import needs_of, spoken_of
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 from robomend_client.literals import Atom
 
 SHOWN = 20
@@ -73,9 +73,8 @@ def _clash(solver: Solver, healthy: list[int], selectors: range) -> list[int]:
 def _rules_of(system: System, clash: list[int], selectors: range) -> str:
     rules = [system.cnf.rules[selectors.index(selector)] for selector in sorted(clash)]
     places = [f"{rule.source}, line {rule.line}" if rule.line else rule.source for rule in rules]
-    said = [f"{rule.text} ({place})" for rule, place in zip(rules[:SHOWN], places, strict=False)]
-    more = f"; and {len(rules) - SHOWN} more" if len(rules) > SHOWN else ""
-    return f"{'; '.join(said)}{more}"
+    said = [f"{rule.text} ({place})" for rule, place in zip(rules, places, strict=True)]
+    return first_few(said, SHOWN, "; ")
 
 
 def unblamable(system: System) -> Iterator[str]:
@@ -106,8 +105,7 @@ def excused(system: System, topics: Collection[str] | None = None) -> Iterator[s
     for topic in free if topics is None else [one for one in free if one in topics]:
         by_cause.setdefault(_waits_for(topic, free, publishers), []).append(topic)
     for cause, topics in by_cause.items():
-        more = f" and {len(topics) - SHOWN} more" if len(topics) > SHOWN else ""
-        named = f"topic{'s' if len(topics) > 1 else ''} {', '.join(topics[:SHOWN])}{more}"
+        named = f"topic{'s' if len(topics) > 1 else ''} {first_few(topics, SHOWN)}"
         yield f"{named}: {cause}, so that silence alone blames nobody{_until(cause)}"
 
 
@@ -168,8 +166,7 @@ def unused(system: System) -> Iterator[str]:
         mentioned = set(system.cnf.atoms)
         idle = sorted(str(atom) for atom in system.vocabulary.atoms - mentioned)
         if idle:
-            more = f" and {len(idle) - SHOWN} more" if len(idle) > SHOWN else ""
-            yield f"no rule mentions {', '.join(idle[:SHOWN])}{more}: observing it says nothing"
+            yield f"no rule mentions {first_few(idle, SHOWN)}: observing it says nothing"
         return
     atoms = {
         *system.cnf.atoms,

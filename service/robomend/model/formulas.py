@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom, Literal
 
 AB = "ab"
@@ -176,8 +177,8 @@ class Interlock:
         seen = {atom: value(atom) for atom in self.atoms}
         unknown = [str(atom) for atom, holds in seen.items() if holds is None]
         known = [str(atom) if holds else f"not {atom}" for atom, holds in seen.items() if holds is not None]
-        said = [f"{_some(known)} is observed"] if known else []
-        said += [f"nobody reports {_some(unknown)}"] if unknown else []
+        said = [f"{first_few(known, NAMED)} is observed"] if known else []
+        said += [f"nobody reports {first_few(unknown, NAMED)}"] if unknown else []
         return f"act_when of the model, `{self.text}`, is not what is observed: {', '.join(said) or 'never'}"
 
 
@@ -214,8 +215,3 @@ def _not(known: bool | None) -> bool | None:
 def _all(values: Iterable[bool | None]) -> bool | None:
     found = set(values)
     return False if False in found else None if None in found else True
-
-
-def _some(said: list[str]) -> str:
-    more = f" and {len(said) - NAMED} more" if len(said) > NAMED else ""
-    return f"{', '.join(said[:NAMED])}{more}"

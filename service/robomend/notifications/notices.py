@@ -27,6 +27,7 @@ from robomend.repairs.headline import Facts, headline, observed, of_repair, shor
 from robomend.repairs.states import ChangeState, RepairState
 from robomend.robots.health import HealthState
 from robomend.timestamps import rfc3339
+from robomend_client.counts import first_few
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
@@ -130,7 +131,8 @@ def _of_repair(event: Event) -> Notice | None:
     lines = [then]
     if state == RepairState.AWAITING_APPROVAL:
         about = "approval"
-        lines += [f"plan: {_listed(action_titles(data.get('plan') or ()), '; ')}"] if len(plan) > 1 else []
+        titles = action_titles(data.get("plan") or ())
+        lines += [f"plan: {first_few(titles, MOST_TOLD, '; ')}"] if len(plan) > 1 else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
     elif data.get("drill") is not None or data.get("again") or data.get("optional"):
@@ -142,7 +144,7 @@ def _of_repair(event: Event) -> Notice | None:
     else:
         about, key = "escalated", f"escalated:{repair}"
     if diagnosis.get("bad"):
-        lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
+        lines.append(f"diagnosis: {first_few(diagnosis['bad'], MOST_TOLD)}")
     lines += [f"seen: {one}" for one in _measured(data)]
     why = reason.removeprefix(f"{', '.join(diagnosis.get('bad') or ())}: ")
     lines += [f"reason: {in_prose(why)}"] if why and short(reason) not in then else []
@@ -159,7 +161,7 @@ def _of_change(event: Event) -> Notice | None:
     change = str(data.get("id"))
     lines = [_short(str(one.get("text"))) for one in data.get("changes") or ()]
     plan = action_titles(data.get("plan") or ())
-    lines += [f"plan: {_listed(plan, '; ')}"] if plan and asks else []
+    lines += [f"plan: {first_few(plan, MOST_TOLD, '; ')}"] if plan and asks else []
     if state == ChangeState.FAILED:
         lines.append(f"reason: {in_prose(_short(data.get('reason') or ''))}")
     what = {
@@ -194,7 +196,7 @@ def _of_robot(event: Event) -> Notice | None:
     silent = [str(atom) for atom in data.get("unknown") or ()]
     said = headline(Facts(HealthState.UNKNOWN, unknown=silent))
     what, then = (told(words, event.time_ns) for words in (said.what, said.then))
-    lines = [then, f"not observed: {_listed(silent, ', ')}"] if silent else [then]
+    lines = [then, f"not observed: {first_few(silent, MOST_TOLD)}"] if silent else [then]
     title = f"{event.robot}: {what.rstrip('.')}"
     return Notice("unknown", f"unknown:{event.robot}", event.robot, None, event.time_ns, title, tuple(lines))
 
@@ -210,8 +212,3 @@ def _of_stop(event: Event) -> Notice:
 
 def _short(text: str) -> str:
     return text if len(text) <= TEXT_CHARACTERS else f"{text[: TEXT_CHARACTERS - 1]}…"
-
-
-def _listed(words: list[str], between: str) -> str:
-    more = len(words) - MOST_TOLD
-    return between.join(words[:MOST_TOLD]) + (f" and {more} more" if more > 0 else "")

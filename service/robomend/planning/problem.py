@@ -37,6 +37,7 @@ from robomend.model.loops import strong_components
 from robomend.planning.domain.values import PAIRS, Declared, Domain
 from robomend.planning.protection import protection
 from robomend_client.actions import offered
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom, Literal
 from robomend_client.near import did_you_mean
 
@@ -96,8 +97,7 @@ def _listed(name: str, can: frozenset[str] | tuple[()]) -> str:
     on = sorted(f"({one.replace(',', ', ')})" if "," in one else one for one in said)
     if not on:
         return f"no {name}"
-    more = f" and {len(on) - NAMED} more" if len(on) > NAMED else ""
-    return f"{name} of {', '.join(on[:NAMED])}{more}"
+    return f"{name} of {first_few(on, NAMED)}"
 
 
 Fact = tuple[str, ...]

@@ -15,6 +15,7 @@ from robomend.repairs.signals import NO_REASON, Halted, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom
 
 BadSets = frozenset[tuple[str, ...]]
@@ -101,8 +102,7 @@ def well(reason: str, state: Robot) -> str:
 
 def named(what: Sequence[object]) -> str:
     """Return a list as a reason shows it: the first few, and how many more."""
-    more = f" and {len(what) - NAMED} more" if len(what) > NAMED else ""
-    return ", ".join(map(str, what[:NAMED])) + more
+    return first_few(what, NAMED)
 
 
 def unconfirmed(unknown: Sequence[Atom], state: Robot) -> str:

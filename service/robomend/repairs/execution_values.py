@@ -75,6 +75,10 @@ class FreshObs(Protocol):
         """Return since when something that holds is known to; None: nobody knows."""
         ...
 
+    def fell_ns(self, atom: Atom) -> int | None:
+        """Return until when something held that does not any more; None: it does, or nobody knows."""
+        ...
+
     def denied_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         """Return in how many seconds the observer of one of these, which says since that act that it is not
         so, will have settled; inf: none says so, or what it rests on has begun since.

@@ -25,6 +25,7 @@ from robomend.repairs.headline import starved, starving, told
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom
 from robomend_client.readings import Symptom
 
@@ -269,6 +270,4 @@ def _observed(config: RobotConfig, state: Robot) -> frozenset[Atom]:
 
 
 def _some(names: Iterable[str]) -> str:
-    listed = list(names)
-    more = f" and {len(listed) - SHOWN} more" if len(listed) > SHOWN else ""
-    return f"{', '.join(listed[:SHOWN])}{more}"
+    return first_few(list(names), SHOWN)

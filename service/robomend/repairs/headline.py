@@ -26,9 +26,10 @@ from robomend.model.functions import spoken_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.plan import action_titles, in_prose
 from robomend.repairs.states import RepairState, StepState
+from robomend.robots.clock import CLOCK
 from robomend.robots.health import UNCLEAR, HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.readings import Symptom
 
@@ -148,7 +149,8 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
     entries = robot.obs.entries()
     since_ns = robot.found_ns
     if health in UNCLEAR:
-        over = [one.expires_ns for one in entries if one.expires_ns and one.atom in unknown]
+        lapsed = (one.expires_ns for one in entries if one.atom in unknown)
+        over = [each for each in lapsed if each and each <= CLOCK.now_ns()]
         since_ns = (max if health is HealthState.UNKNOWN else min)(over) if over else None
     present = {one.source for one in entries if one.atom not in unknown}
     away = sorted({one.source for one in entries if one.expires_ns and one.atom in unknown} - present)
@@ -231,16 +233,18 @@ def _measured(why: str, robot: Robot) -> str:
 
 
 def of_repair(repair: Json) -> Headline:
-    """Return the headline of a robot by what its repair has written: what messages and events tell."""
+    """Return the headline of a robot by what its repair has written: what messages and events tell; of one
+    that ended well, what was wrong.
+    """
+    if repair["state"] == RepairState.REPAIRED:
+        return _of_repaired(repair)
     newest = _round(repair)
     blamed = _of_round(newest) if newest is not None else []
     if not blamed and (repair.get("diagnosis") or {}).get("bad"):
         blamed = [(tuple(repair["diagnosis"]["bad"]), None)]
     state = repair["state"]
-    health = {
-        RepairState.REPAIRED: HealthState.HEALTHY,
-        RepairState.UNCONFIRMED: HealthState.PARTLY_UNKNOWN,
-    }.get(state, HealthState.UNHEALTHY)
+    unconfirmed = state == RepairState.UNCONFIRMED
+    health = HealthState.PARTLY_UNKNOWN if unconfirmed else HealthState.UNHEALTHY
     return headline(
         Facts(
             health=health,
@@ -252,6 +256,46 @@ def of_repair(repair: Json) -> Headline:
             repair=repair,
         )
     )
+
+
+def _of_repaired(repair: Json) -> Headline:
+    rounds, end_ns = repair.get("rounds") or (), repair["finished_ns"]
+    if not rounds:
+        by_itself = ("Nothing was done: it became so by itself.",)
+        return Headline(("Well again since ", end_ns, "."), by_itself, False, None, end_ns)
+    first = rounds[0]
+    symptoms = [{**one, "onset_ns": _since_when(one, repair)} for one in first.get("symptoms") or ()]
+    facts = Facts(HealthState.UNHEALTHY, _of_round(first), symptoms=symptoms, since_ns=repair["created_ns"])
+    what, since_ns = _what(facts)
+    was: list[str | int] = []
+    for part in what:
+        if isinstance(part, int):
+            was += [part, " to ", end_ns]
+        else:  # what was measured stays as it is
+            was.append(part if part.startswith(" (") else WAS.sub(lambda found: PAST[found[0]], part))
+    return Headline((*was, "."), _what_helped(rounds[-1]), False, None, since_ns)
+
+
+def _what_helped(last: Json) -> Told:
+    acts = _titles(last["plan"])
+    if not acts:
+        return ("It became well by itself.",)
+    if last.get("helped") is False:  # it came back late, or by itself: nobody knows which act did it
+        return (f"It is not seen that this helped: {acts}.",)
+    return (f"This helped: {acts}.",)
+
+
+PAST = {
+    "has": "had",
+    "is": "was",
+    "does": "did",
+    "reports": "reported",
+    "follow": "followed",
+    "follows": "followed",
+    " since ": " from ",
+}
+WAS = re.compile(" since |" + "|".join(rf"(?<= ){verb}\b" for verb in PAST if verb.strip() == verb))
+"""What is said of the present, and how the same was."""
 
 
 def headline(of: Facts) -> Headline:
@@ -271,6 +315,7 @@ def headline(of: Facts) -> Headline:
 def _what(of: Facts) -> tuple[Told, int | None]:
     if of.fault:
         return (f"There is no diagnosis: {short(of.fault)}",), of.since_ns
+    doing = _under_way(of.repair)
     match of.health:
         case HealthState.HEALTHY:
             return ("Healthy", *_since(of.since_ns), *_working(of.functions)), of.since_ns
@@ -282,13 +327,15 @@ def _what(of: Facts) -> tuple[Told, int | None]:
             if not (missed := list(dict.fromkeys(map(_subject, of.unknown)))):
                 return ("No fault is known, and what was observed is not judged yet",), of.since_ns
             are = "is" if len(missed) == 1 else "are"
+            if doing:  # it is looked anew whether they are well
+                acts = _listed([f"{name} is being {what}" for name, what in doing.items()])
+                return (f"{acts}; {_listed(missed)} {are} not judged anew yet",), of.since_ns
             missing = (f"{_listed(missed)} {are} not observed", *_since(of.since_ns), "; no fault is known")
             return missing, of.since_ns
     faults = list(_faults(of))
     if not faults:
         why = ", and no diagnosis explains it" if of.judged else ""
         return (f"Something is wrong{why}", *_since(of.since_ns)), of.since_ns
-    doing = _under_way(of.repair)
     heads = {symptom["literal"] for _, symptom in faults if symptom is not None}
     shown = faults[:MANY]
     words: list[str | int] = []
@@ -451,6 +498,8 @@ STATES = {
 def in_words(literal: str, reading: Json | None = None) -> str:
     """Return what was observed in words: `not on(hokuyo)` is "hokuyo has no power"."""
     atom, bad = _atom(literal), literal.startswith("not ")
+    if atom is not None and atom.predicate == ACTIVE:
+        return f"{atom.args[0]} {'does not work' if bad else 'works'} by {atom.args[1]}"
     if atom is None or len(atom.args) != 1:
         return literal
     way = (reading or {}).get("symptom")
@@ -587,7 +636,7 @@ def _titles(steps: Sequence[Json]) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     if len(names) > MANY:
-        return f"{', '.join(names[: MANY - 1])} and {len(names) - MANY + 1} more"
+        return first_few(names, MANY - 1)
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
 
 

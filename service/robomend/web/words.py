@@ -11,7 +11,7 @@ from robomend.planning.plan import action_title, in_prose
 from robomend.repairs.headline import question
 from robomend.repairs.states import RepairState, StepState
 from robomend.store.records import AuditEntry
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 
 Json = Mapping[str, Any]
 
@@ -67,9 +67,7 @@ ENDED: dict[str, str] = {RepairState.CANCELLED: "was cancelled", RepairState.FAI
 
 def listed(names: Sequence[str], most: int = MANY) -> str:
     """Return names as in a sentence."""
-    if len(names) > most:
-        return f"{', '.join(names[:most])} and {len(names) - most} more"
-    return ", ".join(names)
+    return first_few(names, most)
 
 
 @dataclass(frozen=True, slots=True)

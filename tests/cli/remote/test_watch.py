@@ -59,7 +59,8 @@ def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, ro
         until(lambda: said, "the stream stands")
         assert said == [f"watching {line.url}; Ctrl-C ends"]
         shared.client.observe(robot, ["not ok(scan)", "running(hokuyo_node)"])
-        assert f" {robot} observed not ok(scan), running(hokuyo_node)" in lines.get(timeout=END_S)
+        seen = f" {robot} seen: scan is not as it should be, hokuyo_node is running"
+        assert seen in lines.get(timeout=END_S)
         assert f" {robot} bad: hokuyo or hokuyo_node" in lines.get(timeout=END_S)
         assert f" {robot} is unhealthy" in lines.get(timeout=END_S)
         line.cut()
@@ -67,7 +68,7 @@ def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, ro
         assert said[1] == f"connection lost: waiting for {line.url}"
         shared.client.observe(robot, ["ok(scan)"])
         line.mend()
-        assert f" {robot} observed ok(scan)" in lines.get(timeout=END_S)
+        assert f" {robot} seen: scan is as it should be" in lines.get(timeout=END_S)
         assert f" {robot} no fault: " in lines.get(timeout=END_S)
         until(lambda: len(said) == 3, "that it is back is told")  # by another pipe, which may come later
         assert said[2] == "connected again"
@@ -88,7 +89,7 @@ def test_past_events_are_told_from_where_one_likes(say: Say, shared: Shared, rob
     assert (created["kind"], created["data"]["what"]) == ("robot", "created")
     assert observed[0]["data"]["changed"] == ["ok(scan)"]
     _, out, _ = say("watch", robot, "--after", str(observed[0]["id"] - 1), "--count", "1")
-    assert out.endswith(f" {robot} observed ok(scan)\n")
+    assert out.endswith(f" {robot} seen: scan is as it should be\n")
 
 
 def line_of(kind: Kind, robot: str | None = "r1", **data: object) -> str | None:
@@ -112,7 +113,15 @@ def test_a_robot_that_nobody_observes_is_not_called_healthy() -> None:
 
 
 def test_each_kind_of_event_has_its_words() -> None:
-    assert line_of(Kind.OBSERVATIONS, changed=["a", "b", "c", "d"]) == "r1 observed a, b, c, 1 more"
+    changed = ["not on(a)", "active(f,slow)", "inc(v)", "ok(d)"]
+    assert (
+        line_of(Kind.OBSERVATIONS, changed=changed)
+        == "r1 seen: a has no power, f works by slow, inc(v), 1 more"
+    )
+    left_alone: dict[str, Any] = {"quarantine": "a", "reason": "starting a failed", "until_ns": 0}
+    assert line_of(Kind.ROBOT, what="changed", **left_alone) == (
+        "r1 a is left alone until 1970-01-01 00:00: starting a failed"
+    )
     assert line_of(Kind.OBSERVATIONS, changed=[], forgotten=["ok(scan)"]) == "r1 unknown now: ok(scan)"
     assert line_of(Kind.OBSERVATIONS, changed=[]) is None
     assert line_of(Kind.DIAGNOSIS, result=None, fault={"detail": "too late"}) == "r1 no diagnosis: too late"

@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
+from robomend_client.counts import first_few
 
 
 @click.command("moments")
@@ -71,7 +72,7 @@ def _said(one: Mapping[str, Any]) -> str:
     told = [
         each["literal"] + (f" ({each['reading']})" if each["reading"] else "") for each in one["literals"]
     ]
-    return ", ".join(told[:4]) + (f" and {len(told) - 4} more" if len(told) > 4 else "")
+    return first_few(told, 4)
 
 
 def _one(one: Mapping[str, Any], format_: str) -> None:

@@ -12,6 +12,7 @@ from robomend.cli.remote.connection import asking, format_option, service_option
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, diagnoses, printable, some
 from robomend.planning.plan import action_title, in_prose
+from robomend.repairs.headline import observed
 from robomend.repairs.states import STEP_ENDS, ChangeState, RepairState, StepState
 
 if TYPE_CHECKING:
@@ -123,8 +124,8 @@ def _observations(data: Mapping[str, Any]) -> str | None:
     if not changed and not forgotten:
         return None
     readings = data.get("readings", {})
-    seen = [f"{one} ({readings[one]['text']})" if one in readings else one for one in changed]
-    words = [f"observed {some(seen)}"] if changed else []
+    seen = [observed({"literal": one, "reading": readings.get(one)}) for one in changed]
+    words = [f"seen: {some(seen)}"] if changed else []
     words += [f"unknown now: {some(forgotten)}"] if forgotten else []
     return "; ".join(words)
 
@@ -147,7 +148,7 @@ def _repair(data: Mapping[str, Any]) -> str:
 
 
 def _configuration(data: Mapping[str, Any]) -> str:
-    said = ", ".join(str(one["text"]) for one in data.get("changes", ()))
+    said = ", ".join(in_prose(str(one["text"])) for one in data.get("changes", ()))
     words = f"change {data.get('id')}: {data.get('state')}: {said}"
     failed = data.get("state") == ChangeState.FAILED and data.get("reason")
     return words + (f": {in_prose(data['reason'])}" if failed else "")
@@ -186,6 +187,9 @@ def _robot(data: Mapping[str, Any]) -> str:
         if data.get("reported") is False:
             return "is unknown: nothing has been reported yet"
         return f"is {data.get('state')}" + (f": {some(unknown)}" if unknown else "")
+    if data.get("quarantine"):
+        until = at(data["until_ns"])
+        return f"{data['quarantine']} is left alone until {until}: {in_prose(str(data.get('reason')))}"
     rest = {name: value for name, value in data.items() if name not in {"what", "etag"} and value}
     if rest.keys() == {"by"}:
         return f"robot: {what} by {rest['by']}"

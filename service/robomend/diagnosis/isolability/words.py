@@ -16,7 +16,7 @@ from robomend.model.functions import left_without, spoken_of
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
 from robomend.model.vocabulary import ACTIVE
-from robomend_client.counts import counted
+from robomend_client.counts import counted, first_few
 from robomend_client.literals import Atom, quote
 
 SHOWN = 12
@@ -252,7 +252,7 @@ def _fault(names: Sequence[str]) -> str:
 def _some(names: Iterable[str], word: str = "and") -> str:
     known = list(names)
     if len(known) > SHOWN:
-        return f"{', '.join(known[:SHOWN])} and {len(known) - SHOWN} more"
+        return first_few(known, SHOWN)
     if len(known) < 2:
         return "".join(known)
     return f"{', '.join(known[:-1])} {word} {known[-1]}"
