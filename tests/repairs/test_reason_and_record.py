@@ -62,9 +62,7 @@ async def test_a_driver_that_ends_again_after_each_start_is_said_to(tmp_path: Pa
 
     found, _ = await repaired(tmp_path, lambda robot: robot.do("stop_node", "mapping"), spoil=starts, **QUICK)
     assert found["state"] == "escalated"
-    assert found["reason"].startswith(
-        "start_node(mapping) answered 'done', and mapping ended again (3 times)"
-    )
+    assert found["reason"].startswith("mapping ended again after its start (3 times)")
 
 
 def breaks(robot: Robot, chance: random.Random) -> None:

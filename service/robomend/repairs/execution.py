@@ -409,23 +409,25 @@ class _Run:
             found = result is not None and found_running(step.name, result.message)
             answer = f"'{RUNS_ALREADY}'" if found else "'done'"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
-            why = f"but {names} {was} not seen within {within}"
+            why = f"{step} answered {answer}, but {names} {was} not seen within {within}"
             ran = Literal(Atom("running", step.parameters))
             if ran in missing and (self._setting.sight.fell_ns(ran.atom) or 0) > sent_ns:
-                why = f"and {step.parameters[0]} ended again"
-            raise _Stop(Ending.EFFECT_MISSING, f"{step} answered {answer}, {why}", missing[0])
+                why = _ended_again(ran)
+            raise _Stop(Ending.EFFECT_MISSING, why, missing[0])
         await self._reporting.tell(step, StepTrigger.EFFECT_SEEN, seen=seen)
-
-    def _started(self) -> list[Step]:
-        return [step for step in self._plan.steps if step.name == "start_node"]
 
     async def _watch(self) -> None:
         """Raise when OBS contradicts the state that the plan predicts."""
         literal = await self._looking.contradiction()
         why = f"in the middle of the plan, {-literal} was seen where {literal} is expected"
-        if literal in {Literal(Atom("running", step.parameters)) for step in self._started()}:
-            why = f"{literal.atom.args[0]} ended again after its start"
+        starts = [step.parameters for step in self._plan.steps if step.name == "start_node"]
+        if literal in {Literal(Atom("running", started)) for started in starts}:
+            why = _ended_again(literal)
         raise _Stop(Ending.MISMATCH, why, literal)
+
+
+def _ended_again(ran: Literal) -> str:
+    return f"{ran.atom.args[0]} ended again after its start"
 
 
 async def _cancel(tasks: Collection[asyncio.Task[None]]) -> None:
