@@ -192,9 +192,25 @@ def test_a_fault_is_bridged_by_the_variant_that_does_without() -> None:
     assert (change.target, change.reason) == ("low", "camera is left off")
 
 
-def test_a_fault_soon_after_the_way_back_is_no_flapping_of_the_condition_and_makes_the_dwell_longer() -> None:
+MULE = """\
+robomend: 1
+name: mule
+nodes: {camera: {}}
+functions:
+  localisation: {variants: {markers: {needs: camera, do: [localise(markers)]}}}
+  speed:
+    variants: {high: {needs: localisation, do: [drive(fast)]}, low: {do: [drive(slow)]}}
+    dwell_s: 0.3
+"""
+"""What is needed has no variant left while the camera is broken."""
+
+
+@pytest.mark.parametrize("text", [SUAVE, MULE], ids=["needed itself", "by what is needed"])
+def test_a_fault_soon_after_the_way_back_is_no_flapping_of_the_condition_and_makes_the_dwell_longer(
+    text: str,
+) -> None:
     """Broken and mended again and again; the way back is always found, each time a bit later."""
-    water = Water(active="high")
+    water = Water(text, active="high")
     water.visibility = 3.5
     back_s: list[float] = []
     now_s = 0.0

@@ -231,6 +231,20 @@ async def test_a_way_back_to_a_variant_that_the_model_has_no_more_is_forgotten(t
         assert texts(changes[1:]) == [("medium", "low", "changed"), ("low", "medium", "changed")]
 
 
+async def test_a_change_to_a_variant_that_the_model_loses_meanwhile_ends(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, rover_on(runtime) as rover:
+        await rover.settled()
+        rover.holds = True
+        rover.mute.add("set_mode(spiral, medium)")
+        rover.visibility = 2.9
+        await until(lambda: _begun(rover, "set_mode(spiral, medium)"), "the change")
+        model = re.sub("      medium: .*\n", "", MODEL).replace("[high, medium, low]", "[high, low]")
+        await runtime.robots.models.put("rover", model, format=None, expected=ANY, by="test")
+        rover.held.set()
+        changes = await ended(runtime, 2)
+        assert texts(changes) == [("high", "medium", "failed"), ("high", "low", "changed")]
+
+
 async def test_a_dead_device_is_bridged_at_once_and_the_robot_is_degraded(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, rover_on(runtime) as rover:
         await rover.settled()
@@ -526,6 +540,10 @@ async def test_a_change_that_costs_more_than_a_repair_comes_once_that_was_in_vai
 
 async def _done(rover: Rover, act: str) -> bool:
     return act in rover.done
+
+
+async def _begun(rover: Rover, act: str) -> bool:
+    return act in rover.begun
 
 
 async def test_a_change_that_needs_a_yes_waits_for_it_and_lapses_when_it_is_not_due(tmp_path: Path) -> None:

@@ -111,6 +111,11 @@ class FunctionState:
         return self.active is not None and self.standings[self.active].admissible is True
 
     @property
+    def lost(self) -> bool:
+        """Whether it has no variant left, as something is broken."""
+        return self.goal is None and any(one.broken for one in self.standings.values())
+
+    @property
     def unknown(self) -> str:
         """Why it is not known by which variant it works, or nothing."""
         if not self.reported:
@@ -343,6 +348,7 @@ class Keeper:
                     reason = met(conditions.get((name, target)), known) or f"{target} is admissible again"
                 rests = {need.function for need in needs_of(function.variants[active], model)}
                 fault = standings[active].broken or any(c.fault and c.function in rests for c in changes)
+                fault = fault or any(one.lost and one.function.name in rests for one in states.values())
                 changes.append(VariantChange(name, active, target, reason, better, fault))
             states[name] = state
         return Decision(states, tuple(changes), min(again, default=None))

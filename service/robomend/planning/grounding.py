@@ -91,10 +91,13 @@ class Grounder:
         self._schema: Schema | None = None  # of the action that is being ground, for errors
         self.domain = domain
         self.problem = problem
-        self._compiled = compile_domain(domain)
         self._numbers: dict[Fact, int] = {}
         self._facts: list[Fact] = [()]
         self._static = StaticFacts(domain, problem, work)
+        members = self._static.members_of  # an action on what there is none of, such as remedies, is left out
+        self._compiled = [
+            one for one in compile_domain(domain) if all(members(kind) for _, kind in one.schema.parameters)
+        ]
         self._made: dict[tuple[str, tuple[str, ...]], tuple[GroundAction, ...]] = {}
         self._steps = 0
         self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, and why it is refused

@@ -80,6 +80,8 @@ class StaticFacts:
         objects; what no guard binds ranges over all objects of its type.
         """
         kinds = {name: kind for name, kind in variables if name not in env}
+        if not kinds:
+            return 1
         most = 1
         for facts, guard in sorted(
             ((len(self._candidates(guard, env)), guard) for guard in guards), key=lambda pair: pair[0]

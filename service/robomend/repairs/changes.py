@@ -21,15 +21,15 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import structlog
 
-from robomend.errors import NotFound, RobomendError, StoreError
+from robomend.errors import Fenced, NotFound, RobomendError, StoreError
 from robomend.model.components import ComponentModel, Function
 from robomend.model.functions import all_of, needs_of
 from robomend.model.vocabulary import ACTIVE
 from robomend.planning.configurations import (
+    RETRY_NS,
     Decision,
     FunctionState,
     Keeper,
@@ -45,6 +45,7 @@ from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.static_facts import OutOfWork, Work
 from robomend.poller import wait_for
 from robomend.repairs.acts import Acts
+from robomend.repairs.change_record import RECALLED, ChangeRecord, begin, came_back, changes_of, is_held
 from robomend.repairs.choosing import offers_now
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
@@ -57,18 +58,15 @@ from robomend.repairs.execution_values import (
     Timing,
     timings,
 )
-from robomend.repairs.record import LOOP, ActionRecord
-from robomend.repairs.repair_json import change_json, plan_json
+from robomend.repairs.record import LOOP
 from robomend.repairs.signals import Requests, Signals
-from robomend.repairs.states import CHANGE, ChangeState, ChangeTrigger, StepState
+from robomend.repairs.states import ChangeState, ChangeTrigger, StepState
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import protected_of
 from robomend.robots.robot import Robot
-from robomend.store import Transaction, View, drills, global_stop, journal, repairs
-from robomend.store.records import AuditEntry, Fence, Paging, StepRecord, StoredRepair
-from robomend.transitions import after
+from robomend.store import Transaction, journal, repairs
+from robomend.store.records import Fence, Paging, StepRecord, StoredRepair
 from robomend_client.actions import OK, TIMED_OUT
-from robomend_client.events import Kind
 from robomend_client.literals import Atom
 
 log = structlog.get_logger("robomend.repairs.changes")
@@ -98,61 +96,7 @@ FINISHED_S = 60.0
 DEFER_S = 10.0
 """So much longer than twice its cost a repair is waited for that is cheaper than the change."""
 
-CUT_OFF = "the service ended in the middle of it; decided anew"
-
-RECALLED = 200
-"""Changes that are looked at after a restart."""
-
-
-class ChangeRecord(ActionRecord):
-    """The record of one change, of one function or of several that depend on each other."""
-
-    @property
-    def state(self) -> ChangeState:
-        """What the change is in."""
-        return ChangeState(self._repair.state)
-
-    async def note(
-        self,
-        what: ChangeTrigger,
-        reason: str,
-        *,
-        by: str = LOOP,
-        answers: Sequence[int] = (),
-        also: Callable[[Transaction], None] | None = None,
-        **changes: Any,
-    ) -> None:
-        """Note what happened and the state after it, with the event and the audit entry that tell of it."""
-        state = after(CHANGE, self.state, what)
-        data = {**self._data, **changes, "reason": reason}
-
-        def write(tx: Transaction) -> StoredRepair:
-            open_ = state in {ChangeState.AWAITING_APPROVAL, ChangeState.RUNNING}
-            updated = repairs.update(tx, self.id, state=state, data=data, open=open_, fence=self.fence)
-            _tell(tx, updated, by, reason)
-            for request in answers:
-                repairs.answer(tx, request, fence=self.fence)
-            if also is not None:
-                also(tx)
-            return updated
-
-        self._data = data
-        self._repair = await self._store.write(write, robots=(self.robot,))
-
-
-def _tell(tx: Transaction, stored: StoredRepair, by: str, reason: str) -> None:
-    shown = change_json(stored)
-    tx.emit(Kind.CONFIGURATION, stored.robot, shown)
-    tx.note(
-        AuditEntry(
-            actor=by,
-            action=f"change.{stored.state}",
-            subject=stored.id,
-            robot=stored.robot,
-            reason=reason,
-            after={"changes": shown["changes"]},
-        )
-    )
+CUT_OFF = "it was cut off; decided anew"
 
 
 @dataclass
@@ -163,12 +107,7 @@ class WaitingChange:
     changes: tuple[VariantChange, ...]
     plan: Plan
     signals: Signals
-    listener: asyncio.Task[None] | None = None
-
-    def asks_for(self, due: Collection[VariantChange]) -> bool:
-        """Return whether it is still due."""
-        wanted = {(change.function, change.target) for change in due}
-        return all((change.function, change.target) in wanted for change in self.changes)
+    listener: asyncio.Task[None]
 
 
 @dataclass
@@ -210,10 +149,8 @@ class Changes:
     _cut_off: list[CutOff] = field(default_factory=list)
     _signals: Signals | None = None  # of the change under way
     _deferred: Deferred = field(default_factory=Deferred)
-    _worse: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
-    """Function -> its changes for the worse that are not undone, and what they changed from."""
     _held: dict[str, tuple[str, str]] = field(default_factory=dict)
-    """Function -> with which of them it was noted why it is not undone, and what."""
+    """Function -> the better variant that waits, and why, as it was noted last."""
 
     def __post_init__(self) -> None:
         self._requests = Requests(self.needs.store, self.fence)
@@ -273,22 +210,21 @@ class Changes:
                 self._news.clear()
                 try:
                     wait_s = await self._turn()
-                except NotFound:
+                except (NotFound, Fenced):
                     return
-                except RobomendError as error:
-                    if error.code == "fenced":
-                        return
+                except Exception as error:  # a fault of ours must not leave the robot as it is for ever
+                    unforeseen = not isinstance(error, RobomendError)
                     log.warning(
-                        "configuration is tried again", robot=self.robot, code=error.code, detail=str(error)
+                        "configuration is tried again",
+                        robot=self.robot,
+                        detail=str(error),
+                        exc_info=unforeseen,
                     )
-                    wait_s = RETRY_S
-                except Exception:  # a fault of ours must not leave the robot as it is for ever
-                    log.exception("configuration is tried again", robot=self.robot)
-                    wait_s = RETRY_S
+                    self._recalled, wait_s = False, RETRY_S  # what it cut off is taken up again
                 self._idle.set()
                 await wait_for(self._news, wait_s)
         finally:
-            if self._waiting is not None and self._waiting.listener is not None:
+            if self._waiting is not None:
                 self._waiting.listener.cancel()
 
     # --- deciding
@@ -320,41 +256,18 @@ class Changes:
         wait_s = IDLE_S if decision.again_ns is None else max(AGAIN_S, (decision.again_ns - now_ns) / 1e9)
         if not self.needs.chooser.policy(state).may_begin(now_ns):
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
+        acted = None if self._first else self.acted_on()
+        in_doubt = frozenset[str]() if acted is None else touched(parts, acted)
         if self._waiting is not None:
-            due = await self._answered(state, due)
-        apart = self._apart(parts, due)
+            due = await self._answered(state, self._waiting, due, in_doubt)
+        apart = _apart(parts, due, in_doubt)
         if len(apart) < len(due) or open_:
-            self._looked, wait_s = seen, min(wait_s, SOON_S)
+            wait_s = min(wait_s, SOON_S)
         if apart:
-            if self._first:
-                self._looked = -1  # the repair goes on waiting while this is planned
-            wait_s = min(wait_s, await self._do(state, decision, apart))
+            wait_s = min(wait_s, await self._do(state, parts, decision, apart, in_doubt))
         if wait_s > AGAIN_S:
             self._looked = seen
         return wait_s
-
-    def _apart(
-        self, parts: ComponentModel, due: Sequence[VariantChange], steps: Iterable[Step] = ()
-    ) -> tuple[VariantChange, ...]:
-        """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
-        model's arrows: what is seen of that is its doing.
-
-        Args:
-            steps: the plan of the changes, where there is one.
-        """
-        acted = None if self._first else self.acted_on()
-        if acted is None:
-            return tuple(due)
-        doubted, planned = touched(parts, acted), {name for step in steps for name in step.parameters}
-        apart: dict[str, VariantChange] = {}
-        for one in due:
-            variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
-            names = planned.union(*(all_of(variant, parts) for variant in variants))
-            needs = {need.function for variant in variants for need in needs_of(variant, parts)}
-            waiting = {other.function for other in due} - apart.keys()
-            if doubted.isdisjoint(put_out(parts, names)) and needs.isdisjoint(waiting):
-                apart[one.function] = one
-        return tuple(apart.values())
 
     def _barred(self, state: Robot) -> Callable[[Function, str], str]:
         """Return what says why the acts of a variant may not be done now, or nothing; of those that may not
@@ -378,78 +291,51 @@ class Changes:
 
         return barred
 
-    @staticmethod
-    def _mode(policy: Policy, change: VariantChange, state: FunctionState, steps: Sequence[Step]) -> Mode:
-        """Return the strictest of what the robot's policy, the function and its acts say."""
-        if policy.mode is Mode.OBSERVE:
-            return Mode.OBSERVE
-        own = policy.mode if state.function.adapt is None else Mode(state.function.adapt)
-        acts = [name for name, _ in state.function.variants[change.target].do]
-        acts += [step.name for step in steps]
-        said = [policy.actions[name] for name in acts if name in policy.actions]
-        return min([own, *said], key=list(Mode).index)
-
-    # --- a person's yes
-
-    async def _answered(self, state: Robot, due: tuple[VariantChange, ...]) -> tuple[VariantChange, ...]:
-        """Look what became of the change that waits for a yes; return what else is due."""
-        waiting = self._waiting
-        assert waiting is not None
-        rest = tuple(
-            change
-            for change in due
-            if (change.function, change.target) not in {(one.function, one.target) for one in waiting.changes}
-        )
-        if waiting.signals.halt.is_set():
-            by, why = waiting.signals.by, waiting.signals.reason
-            if not waiting.signals.stopped:
-                for change in waiting.changes:
-                    told = f"declined by {by}"
-                    self._keeper.failed(change.function, change.target, told, CLOCK.now_ns(), HOUR_NS)
-            await self._withdraw(why, by=by)
-            return ()
-        if not waiting.asks_for(due):
-            await self._withdraw("it is not due any more")
-            return rest
-        parts = state.system.parts
-        assert parts is not None
-        apart = self._apart(parts, waiting.changes, waiting.plan.steps)
-        if await waiting.signals.decided(0.0) and len(apart) == len(waiting.changes):
-            self._waiting = None
-            by = waiting.signals.by
-            answers = waiting.signals.answers()
-            await waiting.record.note(
-                ChangeTrigger.PERMITTED, f"approved by {by}", by=by, answers=answers, approved=by
-            )
-            await self._act(state, waiting.record, waiting.changes, waiting.plan, waiting.signals)
-            await _end(waiting.listener)
-            return ()
-        return rest
-
     async def _note_held(self, states: Mapping[str, FunctionState]) -> None:
         """Note with a change for the worse why it is not undone although that would do: once, as what is
         measured meanwhile changes with each reading.
         """
         for name, state in states.items():
-            before = self._to_undo(name, state.standings)
-            if not before or state.waits is None:
-                continue
-            (variant, why), (id_, source) = state.waits, before[-1]
-            order, told = list(state.standings), f"{variant} is admissible again, and not changed to: {why}"
-            if order.index(variant) > order.index(source) or self._held.get(name) == (id_, told):
-                continue
-            await self.needs.store.write(partial(self._write_held, id_, name, told), robots=(self.robot,))
-            self._held[name] = id_, told
+            if state.waits is not None and self._held.get(name) != state.waits:
+                (variant, why), function = state.waits, state.function
+                await self.needs.store.write(
+                    partial(is_held, fence=self.fence, function=function, target=variant, why=why),
+                    robots=(self.robot,),
+                )
+                self._held[name] = state.waits
 
-    def _write_held(self, id_: str, function: str, told: str, tx: Transaction) -> None:
-        with contextlib.suppress(NotFound):  # too old to be kept
-            stored = repairs.get(tx, id_)
-            was = stored.data["changes"]
-            changes = [{**one, "held": told} if one["function"] == function else one for one in was]
-            if changes != was:
-                new = {**stored.data, "changes": changes}
-                updated = repairs.update(tx, id_, state=stored.state, data=new, open=False, fence=self.fence)
-                tx.emit(Kind.CONFIGURATION, self.robot, {**change_json(updated), "held": told})
+    # --- a person's yes
+
+    async def _answered(
+        self,
+        state: Robot,
+        waiting: WaitingChange,
+        due: tuple[VariantChange, ...],
+        in_doubt: Collection[str],
+    ) -> tuple[VariantChange, ...]:
+        """Look what became of the change that waits for a yes; return what else is due."""
+        signals, asked = waiting.signals, {(one.function, one.target) for one in waiting.changes}
+        rest = tuple(one for one in due if (one.function, one.target) not in asked)
+        if signals.halt.is_set():
+            if not signals.stopped:
+                self._failed(waiting.changes, f"declined by {signals.by}", HOUR_NS)
+            await self._withdraw(signals.reason, by=signals.by)
+            return ()
+        if len(due) < len(rest) + len(asked):
+            await self._withdraw("it is not due any more")
+            return rest
+        assert state.system.parts is not None
+        apart = _apart(state.system.parts, waiting.changes, in_doubt, waiting.plan.steps)
+        if not await signals.decided(0.0) or len(apart) < len(asked):
+            return rest
+        self._waiting = None
+        by, answers = signals.by, signals.answers()
+        await waiting.record.note(
+            ChangeTrigger.PERMITTED, f"approved by {by}", by=by, answers=answers, approved=by
+        )
+        await self._act(state, waiting.record, waiting.changes, waiting.plan, signals)
+        await _end(waiting.listener)
+        return ()
 
     async def _withdraw(self, why: str, *, by: str = LOOP) -> None:
         waiting, self._waiting = self._waiting, None
@@ -458,30 +344,38 @@ class Changes:
             await waiting.record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=answers)
             await _end(waiting.listener)
 
+    def _failed(self, changes: Iterable[VariantChange], why: str, least_ns: int = RETRY_NS) -> None:
+        for change in changes:
+            self._keeper.failed(change.function, change.target, why, CLOCK.now_ns(), least_ns)
+
     # --- doing
 
-    async def _do(self, state: Robot, decision: Decision, due: tuple[VariantChange, ...]) -> float:
+    async def _do(
+        self,
+        state: Robot,
+        parts: ComponentModel,
+        decision: Decision,
+        due: tuple[VariantChange, ...],
+        in_doubt: Collection[str],
+    ) -> float:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
-        plan, due = await self._planned(state, decision, due)
+        plan, due = await self._planned(state, parts, decision, due)
         if plan is None:
-            return AGAIN_S if due else IDLE_S
+            return AGAIN_S
         policy = self.needs.chooser.policy(state)
         refusal = policy.plan_refusal(plan.steps, {}, ())
         if refusal is not None:
-            await self._not_done(due, refusal)
+            await self._not_done(state, due, refusal)
             return AGAIN_S
-        parts = state.system.parts
-        assert parts is not None
-        if len(self._apart(parts, due, plan.steps)) < len(due):
+        if len(_apart(parts, due, in_doubt, plan.steps)) < len(due):
             return SOON_S
         wait_s = await self._repair_is_cheaper(state, due, plan)
         if wait_s > 0:
             return wait_s
-        modes = [self._mode(policy, one, decision.states[one.function], plan.steps) for one in due]
-        asks = min(modes, key=list(Mode).index) is Mode.APPROVE
+        asks = _mode(policy, [parts.functions[one.function] for one in due], plan.steps) is Mode.APPROVE
         if asks and self._waiting is not None:
             return IDLE_S
-        record = await self._create(due, plan, asks=asks)
+        record = await begin(self.needs.store, self.fence, state, due, plan, asks=asks)
         if record is None:
             return RETRY_S
         signals = Signals(lambda: self.needs.switch.active)
@@ -508,14 +402,11 @@ class Changes:
             handing.cancel()
 
     async def _planned(
-        self, state: Robot, decision: Decision, due: tuple[VariantChange, ...]
+        self, state: Robot, parts: ComponentModel, decision: Decision, due: tuple[VariantChange, ...]
     ) -> tuple[Plan | None, tuple[VariantChange, ...]]:
         """Return a plan, and the changes that it makes: all, or the first that can be made by itself."""
-        parts, config = state.system.parts, state.config
-        assert parts is not None
-        chooser = self.needs.chooser
-        names = await chooser.actions(state)
-        policy = chooser.policy(state)
+        config, policy = state.config, self.needs.chooser.policy(state)
+        names = await self.needs.chooser.actions(state)
         options = PlanOptions(
             timeout_s=None,
             domain=config.domain,
@@ -539,17 +430,16 @@ class Changes:
             if plan.outcome is Outcome.SOLVED and plan.steps and nobody is None:
                 return plan, some
             reason = nobody or "; ".join(plan.unreachable) or "no act makes it active"
-        await self._not_done(due, reason)
+        await self._not_done(state, due, reason)
         return None, due
 
-    async def _not_done(self, due: Sequence[VariantChange], reason: str) -> None:
+    async def _not_done(self, state: Robot, due: tuple[VariantChange, ...], reason: str) -> None:
         """Note what cannot be done: the next variant is taken, and this one is tried again later. Nothing was
         sent, so that there is one record of it for as long as the reason stays the same.
         """
         news = any(self._keeper.failed_by(one.function, one.target) != reason for one in due)
-        for change in due:
-            self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
-        record = await self._create(tuple(due), None, asks=False) if news else None
+        self._failed(due, reason)
+        record = await begin(self.needs.store, self.fence, state, due) if news else None
         if record is not None:
             await record.note(ChangeTrigger.WENT_WRONG, reason)
 
@@ -578,44 +468,6 @@ class Changes:
         self._deferred.round = self._rounds + (0 if self._first else 1)
         return SOON_S
 
-    async def _create(
-        self, due: tuple[VariantChange, ...], plan: Plan | None, *, asks: bool
-    ) -> ChangeRecord | None:
-        """Write a change; None: it may not be begun now."""
-        state = await self.needs.robots.memory.robot(self.robot)
-        functions = state.functions
-        data = {
-            "changes": [
-                {
-                    "function": one.function,
-                    "from": one.source,
-                    "to": one.target,
-                    "reason": one.reason,
-                    "better": one.better,
-                    "fault": one.fault,
-                    "back_ns": None,
-                    "held": None,
-                }
-                for one in due
-            ],
-            "plan": [] if plan is None else plan_json(plan, 0, state.system.parts, state.sight.entries()),
-            "cost": None if plan is None else plan.cost,
-            "reason": "; ".join(dict.fromkeys(one.reason for one in due)),
-            "by": LOOP,
-            "notify": any(functions[one.function].notify for one in due if one.function in functions),
-        }
-        first = ChangeState.AWAITING_APPROVAL if asks else ChangeState.RUNNING
-
-        def begin(tx: Transaction) -> StoredRepair | None:
-            if global_stop.hold(tx).active or drills.open_of(tx, self.robot) is not None:
-                return None
-            stored = repairs.create(tx, self.robot, state=first, data=data, fence=self.fence, change=True)
-            _tell(tx, stored, LOOP, str(data["reason"]))
-            return stored
-
-        stored = await self.needs.store.write(begin, robots=(self.robot,))
-        return None if stored is None else ChangeRecord(self.needs.store, stored, self.fence)
-
     async def _act(
         self,
         state: Robot,
@@ -632,7 +484,7 @@ class Changes:
             execution = await execute(plan, await self._setting(state, record, plan, signals))
             await self._note(state, record, changes, execution, signals)
         except StoreError:
-            raise  # it stays open, and is closed when the robot is looked at again
+            raise  # it stays open, and is taken up again
         except RobomendError as error:
             await self._went_wrong(record, changes, str(error), changes)
         finally:
@@ -683,10 +535,8 @@ class Changes:
     ) -> None:
         if execution.ending is Ending.HALTED:
             by, why = signals.by or LOOP, signals.reason or execution.reason
-            for change in changes:
-                if not signals.stopped:
-                    now_ns, told = CLOCK.now_ns(), f"cancelled by {by}"
-                    self._keeper.failed(change.function, change.target, told, now_ns, HOUR_NS)
+            if not signals.stopped:
+                self._failed(changes, f"cancelled by {by}", HOUR_NS)
             await record.note(ChangeTrigger.OVERTAKEN, why, by=by, answers=signals.answers())
             return
         missing, reason = _not_seen(state, changes), execution.reason
@@ -709,50 +559,22 @@ class Changes:
         if missing:
             await self._went_wrong(record, missing, reason, to_blame)
             changes = tuple(one for one in changes if one not in missing)
-            done = await self._create(changes, None, asks=False) if changes else None
+            done = await begin(self.needs.store, self.fence, state, changes) if changes else None
             if done is None:
                 return
             record = done
-        now_ns, known = CLOCK.now_ns(), time.time_ns()
-        back = [id_ for change in changes for id_ in self._undone(state, change, record.id)]
+        now_ns, known_ns = CLOCK.now_ns(), time.time_ns()
         for change in changes:
             self._keeper.changed(Made(now_ns, change.function, change.source, change.target, change.fault))
+            self._held.pop(change.function, None)
 
-        def came_back(tx: Transaction) -> None:
-            for id_ in dict.fromkeys(back):
-                try:
-                    stored = repairs.get(tx, id_)
-                except NotFound:  # too old to be kept
-                    continue
-                told = [
-                    {**one, "back_ns": known, "held": None}
-                    if one["back_ns"] is None and one["function"] in {c.function for c in changes}
-                    else one
-                    for one in stored.data["changes"]
-                ]
-                new = {**stored.data, "changes": told}
-                repairs.update(tx, id_, state=stored.state, data=new, open=False, fence=self.fence)
+        def also(tx: Transaction) -> None:
+            for one in changes:
+                if one.better:
+                    came_back(tx, self.fence, state.functions[one.function], one.target, known_ns)
 
         reason = str(record.data.get("reason") or "")
-        await record.note(ChangeTrigger.SEEN, reason, also=came_back, changed_ns=known)
-
-    def _to_undo(self, function: str, variants: Collection[str]) -> list[tuple[str, str]]:
-        """Return a function's changes for the worse that can be undone: of a variant that the model has."""
-        kept = [one for one in self._worse.get(function, ()) if one[1] in variants]
-        self._worse[function] = kept
-        return kept
-
-    def _undone(self, state: Robot, change: VariantChange, id_: str) -> list[str]:
-        """Return the changes that this one undoes; note one for the worse, to be undone."""
-        before = self._to_undo(change.function, state.functions[change.function].variants)
-        if not change.better:
-            before.append((id_, change.source))
-            return []
-        order = list(state.functions[change.function].variants)
-        undone = []
-        while before and order.index(change.target) <= order.index(before[-1][1]):
-            undone.append(before.pop()[0])
-        return undone
+        await record.note(ChangeTrigger.SEEN, reason, also=also, changed_ns=known_ns)
 
     async def _went_wrong(
         self,
@@ -762,8 +584,7 @@ class Changes:
         to_blame: Sequence[VariantChange],
     ) -> None:
         """Note that some changes of a record were not made; those to blame are not tried again soon."""
-        for change in to_blame:
-            self._keeper.failed(change.function, change.target, reason, CLOCK.now_ns())
+        self._failed(to_blame, reason)
         names = {change.function for change in changes}
         told = [one for one in record.data["changes"] if one["function"] in names]
         await record.note(ChangeTrigger.WENT_WRONG, reason, changes=told)
@@ -771,23 +592,17 @@ class Changes:
     # --- after a restart
 
     async def _recall(self, state: Robot) -> None:
-        """Take up what a crash cut off, and remember what was changed within the hour."""
+        """Take up what a crash or an error cut off, and remember what was changed within the hour."""
         since_ns = time.time_ns() - HOUR_NS
-
-        def look(view: View) -> tuple[StoredRepair, ...]:
-            return tuple(repairs.page(view, self.robot, Paging(limit=RECALLED), changes=True).items)
-
-        found = await self.needs.store.read(look)
-        for stored in reversed(found):
+        known = {one.record.id for one in (self._waiting, *self._cut_off) if one is not None}
+        paging = Paging(limit=RECALLED)
+        found = await self.needs.store.read(repairs.page, self.robot, paging, changes=True)
+        self._keeper.made.clear()
+        for stored in reversed(found.items):
             at_ns = stored.data.get("changed_ns") or 0
-            for one in stored.data["changes"] if at_ns >= since_ns else ():
-                made = Made(at_ns, one["function"], one["from"], one["to"], one.get("fault", False))
-                self._keeper.made.append(made)
-            for one in stored.data["changes"] if at_ns else ():
-                if not one["better"] and one["back_ns"] is None:
-                    self._worse.setdefault(one["function"], []).append((stored.id, one["from"]))
-        for stored in found:
-            if stored.open:
+            for one in changes_of(stored) if at_ns >= since_ns else ():
+                self._keeper.made.append(Made(at_ns, one.function, one.source, one.target, one.fault))
+            if stored.open and stored.id not in known:
                 await self._take_up(state, stored)
 
     async def _take_up(self, state: Robot, stored: StoredRepair) -> None:
@@ -805,11 +620,12 @@ class Changes:
             return repairs.steps(tx, stored.id)
 
         steps = await self.needs.store.write(settle, robots=(self.robot,))
+        functions = state.functions
         changes = tuple(
-            VariantChange(one["function"], one["from"], one["to"], one["reason"], one["better"], one["fault"])
-            for one in stored.data["changes"]
-            if one["function"] in state.functions
-            and {one["from"], one["to"]} <= state.functions[one["function"]].variants.keys()
+            change
+            for change in changes_of(stored)
+            if change.function in functions
+            and {change.source, change.target} <= functions[change.function].variants.keys()
         )
         if not changes:
             await record.note(ChangeTrigger.WENT_WRONG, CUT_OFF)
@@ -827,7 +643,7 @@ class Changes:
             found = await self.needs.agents.withdraw(action, CUT_OFF)
             if found.code is not None:
                 return found.code, found.message
-        return TIMED_OUT, "the service ended; whether it acted is for OBS to say"
+        return TIMED_OUT, "it was cut off; whether it acted is for OBS to say"
 
     async def _look_at_cut_off(self, state: Robot) -> frozenset[str]:
         """Close what was cut off, once it is known whether it was made; return the functions of the rest."""
@@ -837,6 +653,36 @@ class Changes:
                 self._cut_off.remove(one)
                 await self._conclude(state, one.record, one.changes, missing, CUT_OFF, ())
         return frozenset(change.function for one in self._cut_off for change in one.changes)
+
+
+def _apart(
+    parts: ComponentModel, due: Sequence[VariantChange], in_doubt: Collection[str], steps: Iterable[Step] = ()
+) -> tuple[VariantChange, ...]:
+    """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
+    model's arrows: what is seen of that, `in_doubt`, is its doing.
+
+    Args:
+        steps: the plan of the changes, where there is one.
+    """
+    planned = {name for step in steps for name in step.parameters}
+    apart: dict[str, VariantChange] = {}
+    for one in due:
+        variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
+        names = planned.union(*(all_of(variant, parts) for variant in variants))
+        needs = {need.function for variant in variants for need in needs_of(variant, parts)}
+        waiting = {other.function for other in due} - apart.keys()
+        if put_out(parts, names).isdisjoint(in_doubt) and needs.isdisjoint(waiting):
+            apart[one.function] = one
+    return tuple(apart.values())
+
+
+def _mode(policy: Policy, functions: Sequence[Function], steps: Sequence[Step]) -> Mode:
+    """Return the strictest of what the functions say, or else the robot's policy, and of what it says of
+    single acts.
+    """
+    own = [policy.mode if function.adapt is None else Mode(function.adapt) for function in functions]
+    said = [policy.actions[step.name] for step in steps if step.name in policy.actions]
+    return min([*own, *said], key=list(Mode).index)
 
 
 def _shown(change: VariantChange) -> Atom:
@@ -864,8 +710,7 @@ def _nobody(plan: Plan, why_nobody: Callable[[str, Sequence[str]], str | None]) 
     return next((f"{step}: {why}" for step, why in found if why is not None), None)
 
 
-async def _end(task: asyncio.Task[None] | None) -> None:
-    if task is not None:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task
+async def _end(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
