@@ -117,7 +117,7 @@ def test_latency_counts_from_when_a_change_was_due(service: Served) -> None:
 
 
 def test_the_stop_is_measured_while_every_role_attacks() -> None:
-    small = ["--seconds", "2", "--attackers", "4"]
+    small = ["--seconds", "1", "--attackers", "2"]
     answer = CliRunner().invoke(command, ["--only", "stop-under-attack", "--format", "json", *small])
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.stdout)["stop-under-attack"]
