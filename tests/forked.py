@@ -7,8 +7,7 @@ fresh interpreters, in tests/api/test_process.py; what a test puts on PYTHONPATH
 needs one as well, and so do lines that coverage counts.
 
 The workers of a service (robomend.workers) are such programs, too: to load the planners takes seconds, and
-each service begins with a worker that few tests need. tests/workers/ has fresh ones. So are the services that
-`robomend serve --workers` starts, if it was forked itself.
+each service begins with a worker that few tests need. tests/workers/ has fresh ones.
 
 Each of xdist's workers has a template of its own, which is forked in turn: from one that all of them share
 and that loads the code when the first of them needs it.
@@ -19,7 +18,6 @@ and that loads the code when the first of them needs it.
 from __future__ import annotations
 
 import array
-import asyncio
 import contextlib
 import json
 import os
@@ -155,27 +153,6 @@ def popen(command: list[str], **options: Any) -> Any:
         if piped:
             os.close(write)
     return Forked(pid, ends, (os.fdopen(read, "r" if options.get("text") else "rb") if piped else None))
-
-
-class Awaited:
-    """A process, with as much of asyncio.subprocess.Process as `robomend serve --workers` uses."""
-
-    def __init__(self, process: Forked) -> None:
-        self.pid = process.pid
-        self.terminate = process.terminate
-        self.kill = process.kill
-        self._process = process
-
-    async def wait(self) -> int:
-        """Wait for its end, and return what `Forked.poll` does."""
-        return await asyncio.to_thread(self._process.wait)
-
-
-async def program(*command: str, **options: Any) -> Any:
-    """Start a program as asyncio.create_subprocess_exec does, or, where `popen` can, from the template."""
-    process = popen(list(command), **options)
-    assert isinstance(process, Forked)
-    return Awaited(process)
 
 
 def at_once(monkeypatch: pytest.MonkeyPatch, module: types.ModuleType) -> None:

@@ -7,7 +7,6 @@ beside others asks for a template of its own.
 
 from __future__ import annotations
 
-import asyncio
 import atexit
 import contextlib
 import ctypes
@@ -32,7 +31,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tests.forked import ADDRESS, NUMBER, popen, program, use
+from tests.forked import ADDRESS, NUMBER, popen, use
 
 CLIENT = ("robomend_client.agent.main", "robomend_client.agent.agent")
 SERVICE = (
@@ -44,6 +43,7 @@ SERVICE = (
     "robomend.cli.diagnose",
     "robomend.cli.plan",
     "robomend.cli.remote.status",
+    "robomend.cli.remote.mcp",
     "robomend.diagnosis.sat",
     "robomend_board.main",
     "robomend_demo.command",
@@ -54,9 +54,6 @@ SERVICE = (
 
 STARTING = ("robomend.workers.process", "robomend.cli.stage")
 """Modules whose processes are forked in turn."""
-
-SUPERVISING = "robomend.api.supervising"
-"""Another one, which starts them with asyncio."""
 
 MOST_DESCRIPTORS = 8
 """Of a process: its three streams, what is passed on, and what tells its end."""
@@ -246,9 +243,6 @@ def _become(asked: dict[str, Any], descriptors: list[int], by: int) -> NoReturn:
     use(by)
     for starts in filter(None, map(sys.modules.get, STARTING)):
         vars(starts)["subprocess"] = types.SimpleNamespace(**{**vars(subprocess), "Popen": popen})
-    if supervising := sys.modules.get(SUPERVISING):
-        forking = {**vars(asyncio), "create_subprocess_exec": program}
-        vars(supervising)["asyncio"] = types.SimpleNamespace(**forking)
     if asked["passed"]:  # a worker looks whether whoever asked for it is its parent; `reap` sees to that
         vars(os)["getppid"] = lambda: asked["by"]
     sys.stdin, sys.stdout, sys.stderr = (

@@ -82,6 +82,11 @@ class Terminal:
         os.close(self._master)
         self._temporary.cleanup()
 
+    @property
+    def temporary(self) -> Path:
+        """Where it has its temporary files."""
+        return Path(self._temporary.name)
+
     def listen(self, seconds: float) -> None:
         """Take in what it shows within this time."""
         end = time.monotonic() + seconds
@@ -149,5 +154,5 @@ class Terminal:
             with suppress(OSError):
                 line = Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ")
                 words.append(f"process {process}: {line.decode(errors='replace').strip()}")
-        files = (path.name for path in Path(self._temporary.name).iterdir())
+        files = (path.name for path in self.temporary.iterdir())
         return words + [f"file {name}" for name in sorted(files) if not MEANT_TO_STAY.match(name)]

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
+from tests.waiting import until
 
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import WorkerTimeout
@@ -95,10 +96,7 @@ def test_a_period_diagnoses_without_a_change(service: Service) -> None:
 
     service.with_robot("periodic", period_s=0.05)
     before = made()
-    deadline = time.monotonic() + 20
-    while made() < before + 3:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    until(lambda: made() >= before + 3, "it is diagnosed again and again")
     assert service.api("DELETE", "/robots/periodic", headers={"If-Match": "*"}).status_code == 204
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -243,10 +242,7 @@ def test_too_many_streams_are_refused_and_room_comes_back(start: StartService) -
         assert answer.status_code == 503
         assert answer.json()["code"] == "overloaded"
         assert "retry-after" in answer.headers
-    deadline = time.monotonic() + 10
-    while service.runtime.hub.count:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: not service.runtime.hub.count, "their room comes back")
     with following(service):
         pass
 

@@ -57,6 +57,14 @@ started = partial(served, start=subprocess.Popen)
 """The same from nothing: what is tested here."""
 
 
+def told(folder: Path, *arguments: str, **environment: str) -> tuple[int, str, str]:
+    """Run a command that ends; return its exit code and what it printed and told."""
+    with (folder / "out").open("w+") as out, (folder / "err").open("w+") as err:
+        ran = popen(command(*arguments), stdout=out, stderr=err, env={**os.environ, **environment})
+        code = ran.wait(300)
+        return code, (folder / "out").read_text(), (folder / "err").read_text()
+
+
 def workers_of(pid: int) -> list[int]:
     """Return the processes whose parent is `pid`."""
     found = []
@@ -104,11 +112,8 @@ def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
             assert answer.status_code == 200
         os.kill(process.pid, signal.SIGKILL)
         process.wait(60)
-        deadline = time.monotonic() + 5
-        while any(map(alive, workers)):
-            assert time.monotonic() < deadline, "a worker outlived the service"
-            time.sleep(0.02)
-    with started(tmp_path) as (process, url):
+        until(lambda: not any(map(alive, workers)), "no worker outlives the service")
+    with served(tmp_path) as (process, url):
         found = httpx.get(f"{url}/api/v1/robots/r1", timeout=60).json()
         assert found["revision"] == 20
         current = httpx.get(f"{url}/api/v1/robots/r1/diagnosis?after=19&wait_s=60", timeout=90).json()
@@ -117,17 +122,11 @@ def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
 
 def test_it_does_not_listen_to_others_without_a_key(tmp_path: Path) -> None:
     arguments = ("serve", "--port", "0", "--host", "0.0.0.0", "--data", str(tmp_path), "--announce")
-    refused = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300)
-    assert refused.returncode == 2
-    assert "robomend keys create" in refused.stderr
-    made = subprocess.run(
-        command("keys", "create", "--role", "viewer", "--data", str(tmp_path)),
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    key = made.stdout.strip()
-    with started(tmp_path, "--host", "0.0.0.0") as (_, url):
+    code, _, refusal = told(tmp_path, *arguments)
+    assert code == 2
+    assert "robomend keys create" in refusal
+    key = told(tmp_path, "keys", "create", "--role", "viewer", "--data", str(tmp_path))[1].strip()
+    with served(tmp_path, "--host", "0.0.0.0") as (_, url):
         assert httpx.get(f"{url}/api/v1/robots", timeout=60).status_code == 401
         head = {"Authorization": f"Bearer {key}"}
         assert httpx.get(f"{url}/api/v1/robots", headers=head, timeout=60).status_code == 200
@@ -139,50 +138,36 @@ def test_it_does_not_listen_to_others_without_a_key(tmp_path: Path) -> None:
 def test_config_tells_where_each_value_comes_from(tmp_path: Path) -> None:
     file = tmp_path / "robomend.yaml"
     file.write_text("port: 1234\nlog_level: debug\ndatabase: postgresql://u:secret@h/d\n")
-    shown = subprocess.run(
-        command("config", "--config", str(file), "--data", str(tmp_path), "--format", "json"),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, "ROBOMEND_PORT": "4321"},
-    )
-    table = json.loads(shown.stdout)
+    asked = ("config", "--config", str(file), "--data", str(tmp_path), "--format", "json")
+    _, shown, _ = told(tmp_path, *asked, ROBOMEND_PORT="4321")
+    table = json.loads(shown)
     assert table["port"] == {"value": 4321, "source": "environment ROBOMEND_PORT"}
     assert table["log_level"] == {"value": "debug", "source": str(file)}
     assert table["data"]["source"] == "flag"
     assert table["max_streams"]["source"] == "default"
-    assert "secret" not in shown.stdout
+    assert "secret" not in shown
 
 
 def test_workers_are_refused_with_what_takes_their_place(tmp_path: Path) -> None:
     file = tmp_path / "robomend.yaml"
     file.write_text("workers: 2\n")
-    for arguments, environment in (
+    cases: tuple[tuple[list[str], dict[str, str]], ...] = (
         (["--workers", "2"], {}),
         (["--config", str(file)], {}),
         ([], {"ROBOMEND_WORKERS": "2"}),
-    ):
-        refused = subprocess.run(
-            command("serve", "--data", str(tmp_path), *arguments),
-            capture_output=True,
-            text=True,
-            timeout=60,
-            env={**os.environ, **environment},
-        )
-        assert refused.returncode == 2
-        assert "robomend@.service" in refused.stderr
+    )
+    for arguments, environment in cases:
+        code, _, refusal = told(tmp_path, "serve", "--data", str(tmp_path), *arguments, **environment)
+        assert code == 2
+        assert "robomend@.service" in refusal
 
 
 def test_a_port_that_is_taken_is_said_to_be(tmp_path: Path) -> None:
     with served(tmp_path) as (_, url):
-        refused = subprocess.run(
-            command("serve", "--port", url.rsplit(":", 1)[1], "--data", str(tmp_path / "other")),
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
-    assert refused.returncode == 2
-    assert "another service" in refused.stderr
+        port = url.rsplit(":", 1)[1]
+        code, _, refusal = told(tmp_path, "serve", "--port", port, "--data", str(tmp_path / "other"))
+    assert code == 2
+    assert "another service" in refusal
 
 
 def test_it_takes_more_connections_than_the_usual_soft_limit_allows(tmp_path: Path) -> None:
@@ -236,7 +221,7 @@ def test_a_stop_is_taken_at_the_limit_of_descriptors(tmp_path: Path, says: bytes
 
 
 def test_whoever_sends_what_is_no_request_fills_no_log(tmp_path: Path) -> None:
-    with started(tmp_path) as (_, url):
+    with served(tmp_path) as (_, url):
         address = ("127.0.0.1", int(url.rsplit(":", 1)[1]))
         upgrade = b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close, upgrade\r\nUpgrade: h2c\r\n\r\n"
         for _ in range(300):

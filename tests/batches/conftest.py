@@ -45,7 +45,7 @@ def ended(service: Service, batch: str) -> dict[str, Any]:
         seen.update(service.api("GET", f"/batches/{batch}").json())
         return seen["state"] in ENDS
 
-    until(over, f"the batch ends: {seen}", 90)
+    until(over, f"the batch ends: {seen}", 300)
     return seen
 
 

@@ -38,8 +38,14 @@ def processes(batch: str) -> list[int]:
 
 def running(batch: str) -> list[int]:
     """Wait until the program of a batch runs, and return its processes."""
-    until(lambda: processes(batch), "its program runs", 60)
-    return processes(batch)
+    found: list[int] = []
+
+    def runs() -> bool:
+        found[:] = processes(batch)
+        return bool(found)
+
+    until(runs, "its program runs", 60)
+    return found
 
 
 def uploads(folder: Path) -> dict[str, Any]:
@@ -106,7 +112,7 @@ def test_a_program_that_is_killed_is_started_again_and_given_up_in_the_end(
 
 
 def test_cancelling_ends_its_processes(batching: Service, many: Path) -> None:
-    batch = batching.api("POST", "/batches", **form(("a.ndjson", SCAN))).json()["id"]
+    batch = batching.api("POST", "/batches", **uploads(many)).json()["id"]
     was = running(batch)
     assert batching.api("DELETE", f"/batches/{batch}").json()["state"] == "cancelled"
     until(lambda: not any(map(alive, was)), "its program ends")

@@ -159,7 +159,7 @@ async def test_a_late_acknowledge_is_never_taken_for_the_next_commands() -> None
 async def test_a_cancelled_command_spoils_nothing_for_the_next() -> None:
     async with emulated() as emulator, link_to(emulator.port) as link:
         await link.wait_connected(END_S)
-        await fault(emulator, "late", delay_s=0.2)
+        await fault(emulator, "late", delay_s=60.0)
         task = asyncio.create_task(link.switch(7, True))
         await until(lambda: emulator.board.relays()[7])
         task.cancel()

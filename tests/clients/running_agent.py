@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +66,15 @@ def alive(pid: int) -> bool:
 
 def pid_file(tmp_path: Path, name: str) -> int:
     """Return the pid that a test's process writes, once it has."""
-    file = tmp_path / name
-    eventually(lambda: file.exists() and file.read_text(), f"a pid in {name}")
-    return int(file.read_text())
+    written = [""]
+
+    def read() -> str:  # once: a process that is started anew empties it before it writes
+        with suppress(FileNotFoundError):
+            written[0] = (tmp_path / name).read_text()
+        return written[0]
+
+    eventually(read, f"a pid in {name}")
+    return int(written[0])
 
 
 def marked(mark: str) -> list[int]:

@@ -118,7 +118,7 @@ class ServiceDouble:
     def results(self, action_id: str) -> int:
         return sum(p.path == f"/api/v1/actions/{action_id}/result" for p in tuple(self.posted))
 
-    def ask(self, action_id: str, name: str, *parameters: str, timeout_s: float = 5.0) -> None:
+    def ask(self, action_id: str, name: str, *parameters: str, timeout_s: float = 60.0) -> None:
         action = {"id": action_id, "name": name, "parameters": list(parameters), "timeout_s": timeout_s}
         with self.lock:
             self.actions.append(action)
@@ -129,7 +129,7 @@ class ServiceDouble:
         with self.lock:
             self.actions = [action for action in self.actions if action["id"] != action_id]
 
-    def do(self, action_id: str, name: str, *parameters: str, timeout_s: float = 5.0) -> dict[str, Any]:
+    def do(self, action_id: str, name: str, *parameters: str, timeout_s: float = 60.0) -> dict[str, Any]:
         """Ask for an action and return its result."""
         self.ask(action_id, name, *parameters, timeout_s=timeout_s)
         eventually(lambda: self.result(action_id) is not None, f"a result of {action_id}")

@@ -166,7 +166,7 @@ def test_published_counts_are_reached(circuit: str, long: bool) -> None:
     assert files
     for path in files if long else files[:4]:
         engine = SnapshotEngine(read_wcnf(path).cnf)
-        result = engine.diagnose(read_wcnf(path).snapshots, Options(limit=None, timeout_s=60))
+        result = engine.diagnose(read_wcnf(path).snapshots, Options(limit=None, timeout_s=300))
         engine.close()
         key = f"iscas85-mobs/{circuit}/{path.name.removesuffix('.gz')}"
         assert (key, result.complete, len(result.diagnoses)) == (key, True, published[key]["diags"])

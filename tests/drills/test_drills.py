@@ -60,12 +60,11 @@ def test_a_mute_process_in_a_nodes_place_is_seen_and_the_repair_starts_the_node_
     assert (seen["repair_state"], seen["needless"]) == ("repaired", [])
 
 
-@pytest.mark.parametrize("fault", ["topic-dropped", "topic-delayed"])
+# An agent that is starved calls messages that come seconds late unknown: they are delayed with --long, alone.
+@pytest.mark.parametrize("fault", ["topic-dropped", pytest.param("topic-delayed", marks=pytest.mark.long)])
 def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_afterwards(
-    robot: DrilledRobot, fault: str, long: bool
+    robot: DrilledRobot, fault: str
 ) -> None:
-    if fault == "topic-delayed" and not long:
-        pytest.skip("an agent that is starved calls messages that come seconds late unknown: --long, alone")
     robot.configure(policy="approve")  # nothing that a repair does would help
     try:
         drill = robot.start_drill(fault, "lidar_node", bound_s=300.0, detect_s=200.0, topic="scan")
@@ -79,12 +78,17 @@ def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_aft
     robot.until_healthy()
 
 
-@pytest.mark.parametrize("fault", ["channel-stuck", "channel-open", "channel-short", "board-brown-out"])
-def test_the_faults_of_an_emulated_board_take_power_and_give_it_back(
-    robot: DrilledRobot, fault: str, long: bool
-) -> None:
-    if fault != "channel-open" and not long:
-        pytest.skip("ten seconds each, most of it the restart of a driver: the long version has them all")
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "channel-open",
+        *(
+            pytest.param(f, marks=pytest.mark.long)
+            for f in ("channel-stuck", "channel-short", "board-brown-out")
+        ),
+    ],
+)
+def test_the_faults_of_an_emulated_board_take_power_and_give_it_back(robot: DrilledRobot, fault: str) -> None:
     component = None if fault == "board-brown-out" else "lidar"
     robot.configure(policy="approve")  # it is planted until it was seen
     try:
@@ -101,27 +105,29 @@ def test_the_faults_of_an_emulated_board_take_power_and_give_it_back(
     robot.until_healthy()
 
 
-@pytest.mark.parametrize("fault", ["board-mute", "board-refuse"])
-def test_a_board_that_cannot_be_heard_blames_nobody(robot: DrilledRobot, fault: str, long: bool) -> None:
-    if fault != "board-mute" and not long:
-        pytest.skip("for the service it is as a mute one: the long version has it")
-    drill = robot.start_drill(fault, bound_s=30.0, detect_s=4.0)
-    robot.in_state(drill["id"], "planted")
-    until(lambda: robot.state().get("state") == "partly-unknown", "what the board says is not known", 30.0)
-    ended = robot.ended(drill["id"])
-    assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
-    assert (ended["component"], ended["seen"]["diagnoses"], ended["seen"]["repair"]) == (None, [], None)
+@pytest.mark.parametrize("fault", ["board-mute", pytest.param("board-refuse", marks=pytest.mark.long)])
+def test_a_board_that_cannot_be_heard_blames_nobody(robot: DrilledRobot, fault: str) -> None:
+    drill = robot.start_drill(fault, bound_s=300.0, detect_s=200.0)
+    until(lambda: robot.state().get("state") == "partly-unknown", "what the board says is not known")
+    assert not any(robot.blamed())
+    ended = robot.cancelled(drill["id"])
+    assert (ended["component"], ended["undone"], ended["seen"]) == (None, True, None), ended
 
 
 def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(robot: DrilledRobot) -> None:
-    drill = robot.start_drill("channel-short", "base", bound_s=60.0)
-    robot.in_state(drill["id"], "planted")
-    robot.kill("service")
-    assert robot.board_faults()
-    robot.start_service()
-    ended = robot.ended(drill["id"])
-    assert (ended["undone"], robot.board_faults()) == (True, [])
-    assert "restarted" in ended["cut_short"]
+    robot.configure(policy="approve")  # it is planted until the service is killed
+    try:
+        drill = robot.start_drill("channel-short", "base", bound_s=300.0, detect_s=200.0)
+        robot.in_state(drill["id"], "planted")
+        robot.kill("service")
+        assert robot.board_faults()
+        robot.start_service()
+        ended = robot.ended(drill["id"])
+        assert (ended["undone"], robot.board_faults()) == (True, [])
+        assert "restarted" in ended["cut_short"]
+    finally:
+        robot.configure(policy="auto")
+    robot.until_healthy()
 
 
 def counted(robot: DrilledRobot) -> list[str]:
@@ -154,7 +160,7 @@ def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: Dr
         with robot.client as client:
             drill = robot.start_drill("node-frozen", "mapping")
             robot.in_state(drill["id"], "planted")
-            assert robot.halted() == ["mapping"]
+            until(lambda: robot.halted() == ["mapping"], "it has come to the signal")
             named = robot.state()["drill"]
             assert (named["id"], named["undo"]) == (drill["id"], "let it go on")
             assert refused(robot, "node-killed", "lidar_node")[0] == 409

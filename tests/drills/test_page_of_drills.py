@@ -57,12 +57,11 @@ def test_what_the_page_of_drills_shows_is_done(
         until(lambda: not robot.leftovers(), "everything is undone", 60)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_all_faults_are_drilled_twice_and_compared(
-    robot: DrilledRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, long: bool
+    robot: DrilledRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    if not long:
-        pytest.skip("all that can be planted is planted twice, which takes minutes: --long")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.setenv("ROBOMEND_URL", robot.url)
     monkeypatch.chdir(tmp_path)
@@ -76,11 +75,10 @@ def test_all_faults_are_drilled_twice_and_compared(
     assert report["totals"]["watched"] == report["totals"]["faults"] > 5
 
 
+@pytest.mark.long
 def test_the_score_of_two_faults_is_as_the_page_shows_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if not long:
-        pytest.skip("the demo's robot starts for it: --long")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.setenv("COLUMNS", "300")
     typed, output = commands_and_output(SCORE, SCORE.text)

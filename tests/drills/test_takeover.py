@@ -100,12 +100,11 @@ async def test_the_drill_is_ended_and_undone_by_exactly_one_owner(arguments: lis
     assert [told[f"drill.{state}"] for state in ("planting", "planted", "recovering", "cancelled")] == [1] * 4
 
 
+@pytest.mark.long
 async def test_an_owner_that_hung_and_comes_back_undoes_nothing_a_second_time(
-    arguments: list[tuple[str, ...]], long: bool
+    arguments: list[tuple[str, ...]],
 ) -> None:
     """It still believes that the robot is its own: what it writes then is refused."""
-    if not long:
-        pytest.skip("that it does nothing afterwards takes a while to be seen")
     async with services(*arguments) as running, remote_robot(running, policy="approve") as robot:
         drill = await begun(running, robot)
         victim = await owning_process(arguments[0])

@@ -35,7 +35,7 @@ def no_process_is_left() -> Iterator[None]:
 
 
 def tiny(name: str, mode: str, contenders: tuple[str, ...] = ()) -> Run:
-    wish = Wish(mode=mode, only=TINY[name], instances=2, timeout_s=20.0)
+    wish = Wish(mode=mode, only=TINY[name], instances=2, timeout_s=300.0)
     return run_suite(find_suite(name), wish, contenders, repeats=1)
 
 
@@ -60,7 +60,7 @@ def test_questions_of_one_minimum_cardinality_can_be_asked_for() -> None:
 
 
 def test_a_made_circuit_has_as_many_gates_as_it_says_and_questions_on_which_engines_agree() -> None:
-    wish = Wish(mode="structure", only=("1000",), instances=2, faults=(1, 2), timeout_s=20.0)
+    wish = Wish(mode="structure", only=("1000",), instances=2, faults=(1, 2), timeout_s=300.0)
     (group,) = find_suite("made-circuits").groups(wish)
     assert group.size == 1_000
     assert find_suite("made-circuits").contenders("structure") == ("sat",)

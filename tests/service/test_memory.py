@@ -42,14 +42,14 @@ def test_who_waits_for_a_robot_keeps_it_and_is_told(start: StartService) -> None
 
     async def wait() -> int:
         state = await service.runtime.robots.memory.robot("waited")
-        return await state.changed(0, 20.0)
+        return await state.changed(0, 60.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), service.loop)
     for number in range(5):
         service.with_robot(f"r{number}")
         service.observe("ok(scan)", robot=f"r{number}")
     service.observe("ok(scan)", robot="waited")
-    assert waiting.result(20) == 1
+    assert waiting.result(60) == 1
 
 
 def test_what_grows_stale_is_diagnosed_though_nobody_asked_since(start: StartService) -> None:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
+from typing import Any, Literal
 
 import pytest
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import Locator, ViewportSize, expect
 from tests.api.conftest import Service
 from tests.browser import PATIENCE_MS, keep
 from tests.waiting import until
@@ -25,7 +26,11 @@ from robomend_client.events import Event, Kind
 
 expect.set_options(timeout=PATIENCE_MS)
 
-SCREENS = {"desk": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+SCREENS: dict[str, ViewportSize] = {
+    "desk": {"width": 1440, "height": 900},
+    "phone": {"width": 390, "height": 844},
+}
+SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 AT = r"\d\d:\d\d:\d\d"
 
 
@@ -181,13 +186,10 @@ def on_screen(*shown: Locator) -> None:
         assert how == {"inside": True, "covered": False, "cut": False}, (one, how)
 
 
-@pytest.mark.parametrize("screen", SCREENS)
 @pytest.mark.parametrize("robot", SITUATIONS)
-def test_five_questions_are_answered_without_scrolling(
-    six: Service, look: Look, robot: str, screen: str
-) -> None:
-    case, size = SITUATIONS[robot], SCREENS[screen]
-    page = live(look(six, viewport=size), f"/ui/robots/{robot}")
+def test_five_questions_are_answered_without_scrolling(six: Service, look: Look, robot: str) -> None:
+    case = SITUATIONS[robot]
+    page = live(look(six), f"/ui/robots/{robot}")
     what, then = page.locator("#headline .what"), page.locator("#headline .then")
     expect(then).to_have_text(re.compile(f"^{case.then}$"))
     expect(what).to_have_text(re.compile(f"^({case.what})$"))
@@ -197,7 +199,8 @@ def test_five_questions_are_answered_without_scrolling(
         page.locator("#headline :is(a, button)").filter(has_text=re.compile(f"^{name}$"))
         for name in case.press
     ]
-    for scheme in ("light", "dark"):
+    for (screen, size), scheme in product(SCREENS.items(), SCHEMES):
+        page.set_viewport_size(size)
         page.emulate_media(color_scheme=scheme)
         assert page.evaluate("scrollY") == 0
         on_screen(page.locator("#headline"), what, then, *press)
@@ -205,20 +208,19 @@ def test_five_questions_are_answered_without_scrolling(
         keep(page, f"situation-{robot}-{screen}-{scheme}")
 
 
-@pytest.mark.parametrize("robot", SITUATIONS)
-def test_list_and_status_and_robot_say_the_same(six: Service, look: Look, robot: str) -> None:
-    case = SITUATIONS[robot]
-    whole = re.compile(f"^({case.what}) {case.then}$")
-    until(lambda: whole.match(six.api("GET", f"/robots/{robot}").json()["headline"]), "the robot says it")
-
+def test_list_and_status_and_robot_say_the_same(six: Service, look: Look) -> None:
     def listed() -> dict[str, str]:
         return {one["robot"]: one["headline"] for one in six.api("GET", "/status").json()["robots"]}
 
-    until(lambda: whole.match(listed()[robot]), "the list says it")
-    assert listed().keys() >= SITUATIONS.keys()
-    shown = row(live(look(six)), robot)
-    assert re.search(f"({case.what})", shown)
-    assert re.search(case.then, shown)
+    for robot, case in SITUATIONS.items():
+        whole = re.compile(f"^({case.what}) {case.then}$")
+        until(lambda: whole.match(six.api("GET", f"/robots/{robot}").json()["headline"]), "the robot says it")  # noqa: B023  # at once
+        until(lambda: whole.match(listed()[robot]), "the list says it")  # noqa: B023  # at once
+    page = live(look(six))
+    for robot, case in SITUATIONS.items():
+        shown = row(page, robot)
+        assert re.search(f"({case.what})", shown)
+        assert re.search(case.then, shown)
 
 
 def test_by_what_a_function_works_is_told_with_since_when_and_what_was_measured(

@@ -284,12 +284,15 @@ def source_body(text: str) -> bytes:
 
 
 def attackers(url: str, keys: dict[str, str], clients: int, seed: int, over: threading.Event) -> Figures:
-    """Let clients send one hostile request after another until `over`; return how each was answered."""
+    """Let clients send one hostile request after another until `over`, and one was answered; return how each
+    was answered.
+    """
     os.nice(NICENESS)
     wanted = requests()
     random.Random(seed).shuffle(wanted)
     lock = threading.Lock()
     answers: dict[str, Counter[int]] = {hostile.name: Counter() for hostile in wanted}
+    answered = threading.Event()
 
     def send(first: int) -> None:
         for hostile in itertools.cycle(wanted[first:] + wanted[:first]):
@@ -298,12 +301,14 @@ def attackers(url: str, keys: dict[str, str], clients: int, seed: int, over: thr
             status = _attack(url, keys, hostile)
             with lock:
                 answers[hostile.name][status] += 1
+            answered.set()
 
     threads = [threading.Thread(target=send, args=(first % len(wanted),)) for first in range(clients)]
     for thread in threads:
         thread.daemon = True
         thread.start()
     over.wait()
+    answered.wait(ANSWER_S)  # of low priority, they may not have come to it on a busy computer
     for thread in threads:
         thread.join(2.0)  # whatever is still under way then is left
     with lock:

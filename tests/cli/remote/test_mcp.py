@@ -9,14 +9,17 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 from mcp import Client, StdioServerParameters
 from mcp.client.session import ClientRequestContext
 from mcp_types import ElicitRequestParams, ElicitResult, TextContent
+from tests import forked_programs
 from tests.api.conftest import TEDUSAR
 from tests.api.test_process import command, served
+from tests.api.test_process import told as told_by
 from tests.cli.remote.conftest import Say, Shared
 from tests.waiting import until
 
@@ -57,13 +60,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 
 def key_of(data: Path, role: str) -> str:
-    made = subprocess.run(
-        command("keys", "create", "--role", role, "--data", str(data)),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return made.stdout.split()[-1]
+    return told_by(data, "keys", "create", "--role", role, "--data", str(data))[1].split()[-1]
 
 
 @dataclass
@@ -90,10 +87,11 @@ async def assistant(
 ) -> AsyncIterator[Client]:
     """An assistant's program, which starts the command and asks `person`; None: it cannot ask."""
     environment = {"ROBOMEND_URL": url} | ({"ROBOMEND_KEY": key} if key else {})
-    program, *arguments = command("mcp")
-    started = StdioServerParameters(command=program, args=arguments, env=environment)
-    async with Client(started, elicitation_callback=person, mode=mode, read_timeout_seconds=60) as client:
-        yield client
+    with TemporaryDirectory() as folder:
+        program = forked_programs.write(Path(folder) / "programs") / "robomend"
+        started = StdioServerParameters(command=str(program), args=["mcp"], env=environment)
+        async with Client(started, elicitation_callback=person, mode=mode, read_timeout_seconds=60) as client:
+            yield client
 
 
 async def told(client: Client, tool: str, **arguments: Any) -> dict[str, Any]:
@@ -231,21 +229,16 @@ def state(guarded: Guarded, repair: str) -> str:
 
 
 @pytest.mark.parametrize("mode", HANDSHAKES)
-@pytest.mark.parametrize(
-    ("says", "confirms"),
-    [("decline", True), ("cancel", True), ("accept", False)],
-    ids=["decline", "cancel", "no"],
-)
-async def test_without_a_yes_nothing_is_done(guarded: Guarded, says: str, confirms: bool, mode: str) -> None:
-    repair = guarded.shared.awaiting_approval(f"no-{says}-{confirms}-{mode}")
-    person = Person(says, confirms)
+async def test_without_a_yes_nothing_is_done(guarded: Guarded, mode: str) -> None:
+    repair, person = guarded.shared.awaiting_approval(f"no-{mode}"), Person()
     async with assistant(guarded.url, guarded.keys["operator"], person, mode) as client:
-        for tool in ("approve", "cancel"):
-            assert "did not say yes" in await refused(client, tool, repair=repair)
-        assert "did not say yes" in await refused(client, "stop")
+        for person.says, person.confirms in (("decline", True), ("cancel", True), ("accept", False)):
+            for tool in ("approve", "cancel"):
+                assert "did not say yes" in await refused(client, tool, repair=repair)
+            assert "did not say yes" in await refused(client, "stop")
     assert state(guarded, repair) == "awaiting-approval"
     assert not guarded.shared.client.stopped()["active"]
-    assert len(person.asked) == 3
+    assert len(person.asked) == 9
 
 
 @pytest.mark.parametrize("mode", HANDSHAKES)
