@@ -22,7 +22,7 @@ import numpy as np
 from rosbags.typesys.msg import normalize_msgtype
 
 from robomend_batch.logs import lz4_cut
-from robomend_batch.logs.chunk import LARGEST_CHUNK, Chunk, Chunked, Found, Part, in_order
+from robomend_batch.logs.chunk import LARGEST_CHUNK, Chunk, Chunked, Found, Part, by_place, in_order
 from robomend_batch.logs.recorded import (
     DAMAGED,
     Channel,
@@ -208,8 +208,10 @@ class IndexedBag(Chunked):
                     return None
                 times_ns = entries["seconds"].astype(np.int64) * SECOND + entries["nanoseconds"]
                 places = entries["offset"].astype(np.int64)
-                order = np.argsort(places, kind="stable")
-                found[number] = times_ns[order], places[order]
+                one = by_place(times_ns, places)
+                if one is None:
+                    return None
+                found[number] = one
         except (*DAMAGED, Cut):
             return None
         return found if found.keys() == info.counts.keys() else None
@@ -238,7 +240,7 @@ def _in_bounds(found: Found, part: Part) -> Found:
 def _bounded(index: Mapping[int, tuple[Times, Times]], part: Part) -> bool:
     """Return whether the stamps of an index are in their order, and in the bounds of their chunk."""
     return all(
-        in_order(times_ns, places) and times_ns[0] >= part.start_ns and times_ns[-1] <= part.end_ns
+        in_order(times_ns) and times_ns[0] >= part.start_ns and times_ns[-1] <= part.end_ns
         for times_ns, places in index.values()
     )
 

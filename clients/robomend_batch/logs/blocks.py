@@ -74,9 +74,6 @@ class Opened:
     problems: Problems = field(default_factory=Problems)
     """Of the file as a whole."""
 
-    rows: int = 0
-    """That were read."""
-
     ended_early: bool = False
     checked: bool = True
     """Whether damage of a recording would show."""

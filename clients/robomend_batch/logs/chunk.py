@@ -36,7 +36,6 @@ class Chunk:
         self._found = {channel: one for channel, one in found.items() if channel in wanted and len(one[0])}
         self.times_ns = {channel: times_ns for channel, (times_ns, _, _) in self._found.items()}
         self.until_ns = max((int(times_ns.max()) for times_ns in self.times_ns.values()), default=0)
-        self.count = sum(map(len, self.times_ns.values()))
         self._wanted = wanted
         self._packed = data
         self._data = np.frombuffer(data or b"", np.uint8)
@@ -240,6 +239,21 @@ def lone_stamps(times_ns: Times, pause_ns: int = 0) -> NDArray[np.bool_]:
     return lone
 
 
-def in_order(times_ns: Times, places: Times) -> bool:
-    """Return whether an index is as recorders write one: of what is behind, no stamp is earlier."""
-    return bool((places[1:] > places[:-1]).all() and (times_ns[1:] >= times_ns[:-1]).all())
+def by_place(times_ns: Times, places: Times) -> tuple[Times, Times] | None:
+    """Return an index in the order of places, as recorders write it; None if it leads to a message twice."""
+    if (places[1:] > places[:-1]).all():
+        return times_ns, places
+    order = np.argsort(places, kind="stable")
+    places = places[order]
+    return (times_ns[order], places) if (places[1:] > places[:-1]).all() else None
+
+
+def in_order(times_ns: Times) -> bool:
+    """Return whether of stamps by place none is earlier than the one before it, as recorders write them."""
+    return bool((times_ns[1:] >= times_ns[:-1]).all())
+
+
+def gathered(data: NDArray[np.uint8], places: Times, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return what is at each of these places; IndexError if one is behind all that is there."""
+    every: NDArray[Any] = np.ndarray((max(0, len(data) - kind.itemsize + 1),), kind, data, 0, (1,))
+    return every[places]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robomend_batch.logs.chunk import gathered
 from robomend_client.bridges.unpacking import Fields, Steps, layout
 
 Places = NDArray[np.int64]
@@ -28,38 +28,32 @@ def compile_column(fields: Fields, type_name: str, path: str, *, cdr: bool) -> C
     number = np.dtype("<" + kind)
 
     def read(data: NDArray[np.uint8], begins: Places, ends: Places) -> NDArray[np.float64] | None:
-        origin = begins
-        if cdr:
-            if (begins + 4 > ends).any() or data[begins].any() or not (data[begins + 1] == 1).all():
+        origin = begins + (4 if cdr else 0)
+        at = np.full(len(begins), prefix, dtype=np.int64)
+        try:
+            if cdr and (gathered(data, begins, _KIND) != LITTLE_ENDIAN).any():
                 return None
-            origin = begins + 4
-        at = skipped(steps, data, origin, np.full(len(begins), prefix, dtype=np.int64), ends)
-        if at is None:
+            at = skipped(steps, data, origin, at)
+            if cdr:
+                at = _aligned(at, size)
+            values = gathered(data, origin + at, number)
+            spare = ends - origin - skipped(behind, data, origin, at + size)
+        except IndexError:  # one of them ends behind all that is there
             return None
-        if cdr:
-            at = _aligned(at, size)
-        values = _gathered(data, origin + at, ends, number)
-        at = None if values is None else skipped(behind, data, origin, at + size, ends)
-        if values is None or at is None:
-            return None
-        spare = ends - origin - at  # CDR may be padded
-        if (spare < 0).any() or (spare > (3 if cdr else 0)).any():
+        # Nothing is skipped backwards: who ends in its place was looked at in its place alone.
+        if ((spare < 0) | (spare > (3 if cdr else 0))).any():  # CDR may be padded
             return None
         return values.astype(np.float64)
 
-    def skipped(
-        steps: Steps, data: NDArray[np.uint8], origin: Places, at: Places, ends: Places
-    ) -> Places | None:
-        """Return where each message goes on behind these steps; None if one ends before."""
+    def skipped(steps: Steps, data: NDArray[np.uint8], origin: Places, at: Places) -> Places:
+        """Return where each message goes on behind these steps."""
         for step, align, width in steps:
             if step == "numbers":
                 at = (_aligned(at, align) if cdr else at) + width
                 continue
             if cdr:
                 at = _aligned(at, 4)
-            count = _gathered(data, origin + at, ends, _COUNT)
-            if count is None:
-                return None
+            count = gathered(data, origin + at, _COUNT).astype(np.int64)
             at = at + 4
             if step == "string":
                 at += count
@@ -72,16 +66,11 @@ def compile_column(fields: Fields, type_name: str, path: str, *, cdr: bool) -> C
 
 
 _COUNT = np.dtype("<u4")
+_KIND = np.dtype("<u2")
+LITTLE_ENDIAN = int.from_bytes(b"\0\1", "little")
+"""How CDR of this kind begins."""
 
 
 def _aligned(at: Places, size: int) -> Places:
     aligned: Places = (at + (size - 1)) & -size
     return aligned
-
-
-def _gathered(data: NDArray[np.uint8], at: Places, ends: Places, kind: np.dtype[Any]) -> NDArray[Any] | None:
-    """Return a number at each of these places; None if one is behind the end of its message."""
-    if (at + kind.itemsize > ends).any():
-        return None
-    found: NDArray[Any] = data[at[:, None] + np.arange(kind.itemsize)].view(kind)[:, 0]
-    return found.astype(np.int64) if kind is _COUNT else found

@@ -207,12 +207,8 @@ class Db3:
                 kinds = {number: bytes if data else type(None) for number, data in wanted.items()}
                 try:
                     with closing(self._base.execute(self._query(wanted))) as rows:
-                        for time_ns, number, row_ns, topic, body in rows:
-                            if (
-                                row_ns != time_ns
-                                or type(time_ns) is not int
-                                or type(body) is not kinds[topic]
-                            ):
+                        for time_ns, number, topic, body in rows:
+                            if type(body) is not kinds[topic] or type(time_ns) is not int:
                                 raise ValueError
                             if begin_ns <= time_ns <= end_ns:
                                 passed = time_ns, number
@@ -226,15 +222,15 @@ class Db3:
             self.cut = f"damaged: {damage_of(error)}"
 
     def _query(self, wanted: Mapping[int, bool]) -> str:
-        """Ask for messages as the index has them, and those of which a row says otherwise, or is not there.
+        """Ask for messages as the index has them; the topic is NULL where a row says otherwise or is missing.
 
         All of the index is gone through, as a stamp that is wrong there would end a search.
         """
         others = ",".join(str(one.number) for one in self.channels if one.number not in wanted)
         data = ",".join(str(number) for number in wanted if wanted[number])
         return (
-            f"SELECT m.timestamp, m.id, r.timestamp, r.topic_id, "
-            f"CASE WHEN r.topic_id IN ({data}) THEN data END"
+            "SELECT m.timestamp, m.id, CASE WHEN r.timestamp = m.timestamp THEN r.topic_id END topic,"
+            f" CASE WHEN r.topic_id IN ({data}) THEN data END"
             f" FROM (SELECT id, timestamp FROM messages {'INDEXED BY timestamp_idx' * self._has_index}) m"
             " LEFT JOIN messages r ON r.id = m.id"
             f" WHERE (r.timestamp = m.timestamp AND r.topic_id IN ({others})) IS NOT TRUE"

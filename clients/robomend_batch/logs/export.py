@@ -126,7 +126,6 @@ def read_export(path: Path, opened: Opened) -> Blocks:
                 continue
             into.add(time_ns, words.settings(str(literal), place), expires_ns)
             rows += 1
-        opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
             yield Block("", Place((lines, gathered), lines.offset / size))

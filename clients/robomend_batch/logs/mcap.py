@@ -28,7 +28,7 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
-from robomend_batch.logs.chunk import LARGEST_CHUNK, Chunk, Chunked, Found, Part, in_order
+from robomend_batch.logs.chunk import LARGEST_CHUNK, Chunk, Chunked, Found, Part, by_place, gathered, in_order
 from robomend_batch.logs.mcap_chunk import HEAD_BYTES, ZstdError, has_checksum, left_of_chunk, unpacked
 from robomend_batch.logs.recorded import (
     DAMAGED,
@@ -227,10 +227,10 @@ class IndexedMcap(Chunked):
             if channel in wanted:
                 index = np.frombuffer(block, INDEX, size // INDEX.itemsize, at + INDEX_HEAD.size)
                 times_ns, places = index["time"].astype(np.int64), index["offset"].astype(np.int64)
-                if not (places[1:] > places[:-1]).all():
-                    order = np.argsort(places, kind="stable")
-                    times_ns, places = times_ns[order], places[order]
-                found[channel] = times_ns, places
+                one = by_place(times_ns, places)
+                if one is None:
+                    return None
+                found[channel] = one
             at += RECORD.size + length
             records += 1
         return found if at == len(block) and records == len(chunk.message_index_offsets) else None
@@ -521,24 +521,23 @@ def _checked(
         if not len(times_ns):
             continue
         if data is None or not wanted.get(channel):
-            if not in_order(times_ns, places) or times_ns[0] < first_ns or times_ns[-1] > last_ns:
+            if not in_order(times_ns) or times_ns[0] < first_ns or times_ns[-1] > last_ns:
                 return None
             found[channel] = times_ns, places, places
             continue
         if places[0] < 0 or places[-1] + RECORD.size + MESSAGE_HEAD.size > len(packed):
             return None
-        heads = packed[places[:, None] + np.arange(HEAD.itemsize)].view(HEAD)[:, 0]
+        heads = gathered(packed, places, HEAD)
         lengths = heads["length"].astype(np.int64)
-        ends = places + (RECORD.size + lengths)
         if (
-            (heads["operation"] != MESSAGE).any()
-            or (heads["channel"] != channel).any()
-            or (heads["time"].astype(np.int64) != times_ns).any()
-            or (lengths < MESSAGE_HEAD.size).any()
-            or (lengths > len(packed)).any()
-            or (ends > len(packed)).any()
-        ):
+            (heads["operation"] != MESSAGE)
+            | (heads["channel"] != channel)
+            | (heads["time"].astype(np.int64) != times_ns)
+            | (lengths < MESSAGE_HEAD.size)
+            | (lengths > len(packed) - RECORD.size - places)
+        ).any():
             return None
+        ends = places + (RECORD.size + lengths)
         found[channel] = times_ns, places + (RECORD.size + MESSAGE_HEAD.size), ends
     return found
 

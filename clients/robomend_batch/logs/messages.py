@@ -112,16 +112,15 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
         reading = _Reading(driver, restarts, Changes(opened.words("")), start_ns)
         yield Block("", Restart(start_ns))
     driver, restarts, changes = reading.driver, reading.restarts, reading.changes
+    of, publishers, looks = wants.of, wants.publishers, wants.looks
     latest_ns, hole = reading.latest_ns, reading.hole
     together = isinstance(recording, InStretches) and not by_header
     stretches: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
     for stretch, place in stretches.stretches(wants.channels, reading.place):
         if isinstance(stretch, Chunk) and wants.taken(stretch, driver):
-            opened.rows += stretch.count
             stretch = ()
         for message in stretch:
             time_ns, number, data = message
-            opened.rows += 1
             if number < 0 or hole:
                 yield from _over_hole(reading, message, by_header)
                 hole = reading.hole
@@ -130,7 +129,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
             if by_header:
                 latest_ns = max(latest_ns, time_ns)
                 time_ns = wants.stamp(message)
-            for source, extract in wants.of[number]:
+            for source, extract in of[number]:
                 value = None
                 if extract is not None and data is not None:
                     try:
@@ -146,11 +145,11 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 changed = driver.sample(source, time_ns, value)
                 if changed or restarts.at_ns is not None:
                     yield from changes.take(changed, restarts.take())
-            if number in wants.publishers and driver.now_ns == time_ns:  # else the stamp is far off
-                source, node = wants.publishers[number]
+            if number in publishers and driver.now_ns == time_ns:  # else the stamp is far off
+                source, node = publishers[number]
                 if (nodes := reading.callers.heard(source, node, time_ns)) is not None:
                     yield from changes.take(driver.publishers(source, nodes, time_ns), restarts.take())
-            elif number in wants.looks and data is not None:
+            elif number in looks and data is not None:
                 try:
                     changed = _looked(driver, data, time_ns)
                 except (ValueError, KeyError, TypeError) as error:

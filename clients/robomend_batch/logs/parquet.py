@@ -85,7 +85,6 @@ def _long(
     rows_of_file = _rows_of(scan)
     for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS, literal), start, path)
-        opened.rows += len(frame)
         for log, rows in _by_log(frame):
             yield Block(log, _rows(rows, literal, lifetime is not None, opened.words(log), path))
         yield Block("", _place(start + len(frame), rows_of_file))
@@ -136,7 +135,6 @@ def _wide(scan: pl.LazyFrame, columns: pl.Schema, names: list[str], path: Path, 
     rows_of_file = _rows_of(scan)
     for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS,), start, path)
-        opened.rows += len(frame)
         for log, rows in _by_log(frame):
             words = opened.words(log)
             said = {name: words.settings(name, f"{path}: column {name}") for name in names}
@@ -179,7 +177,6 @@ def _packed(
         for name in integers:
             if not frame[name].all():
                 raise LogRefused(f"the column `{name}` holds other numbers than 0 and 1", str(path))
-        opened.rows += len(frame)
         codes = [frame[f"{WORD}{word}"].to_numpy() for word in range(count)]
         yield Block("", Shown(frame[TIME_NS].to_numpy(), np.stack(codes, axis=1)))
         yield Block("", _place(start + len(frame), rows_of_file))

@@ -231,11 +231,13 @@ class Sliced:
 
     def _counted(self, messages: Iterable[Message], passed: Passed) -> Iterator[Message]:
         by_time = self._recording.by_time
+        last_ns, count = passed.last_ns, passed.count
         for message in messages:
-            if by_time and message[0] != passed.last_ns:
-                passed.last_ns, passed.count = message[0], 0
-            passed.count += 1
+            if by_time and message[0] != last_ns:
+                last_ns, count = message[0], 0
+            count += 1
             yield message
+        passed.last_ns, passed.count = last_ns, count
 
 
 class Unreadable(Exception):

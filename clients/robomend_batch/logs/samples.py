@@ -37,7 +37,6 @@ def read_recording(path: Path, opened: Opened) -> Blocks:
         yield from _replayed(reading, path, opened)
     except (ValueError, KeyError, TypeError) as error:
         raise LogRefused(f"no recording: {error}", f"{path}:{lines.count}") from error
-    opened.rows += lines.count
     if reading.driver is None:
         raise LogRefused("an empty recording", str(path))
     yield from reading.changes.rest()

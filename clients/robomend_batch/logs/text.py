@@ -166,7 +166,6 @@ def _blocks(path: Path, opened: Opened, lines: Iterator[Line], begun: _Reading) 
             opened.problems.add(place, f"cut off here: {error.reason}", bad=True)
             opened.ended_early = True
             break
-        opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
             yield Block("", Place(begun, begun.lines.offset / size))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robomend_batch.logs.chunk import Chunk
+from robomend_batch.logs.chunk import Chunk, in_order
 from robomend_batch.logs.recorded import Channel, Message
 from robomend_batch.problems import Problems
 from robomend_client.bridges.measured import is_board, measured
@@ -126,10 +126,10 @@ class Wants:
                 if source in samples or (extract is not None and column is None):
                     return False
                 samples[source] = times_ns, column and partial(_values, column, stretch, number)
-        if not samples or any((times_ns[1:] < times_ns[:-1]).any() for times_ns, _ in samples.values()):
+        if not samples or not all(in_order(times_ns) for times_ns, _ in samples.values()):
             return False
         together = np.sort(np.concatenate([*stretch.times_ns.values()]))
-        first_ns, gap_ns = int(together[0]), int(np.diff(together).max(initial=0))
+        first_ns, gap_ns = int(together[0]), int((together[1:] - together[:-1]).max(initial=0))
         if first_ns < driver.now_ns:
             return False
         return driver.quiet(samples, max(gap_ns, first_ns - driver.now_ns), int(together[-1]))

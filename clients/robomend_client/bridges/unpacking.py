@@ -222,7 +222,7 @@ def _number_reader(before: Steps, last: str, cdr: bool, after: Steps | None, pla
         if plain is not None:
             data = plain(data)
         big_endian = cdr and not data[1] & 1
-        if big_endian and only_numbers and plain is not None:
+        if big_endian and only_numbers:
             raise ValueError("it says that it is big endian, and has no length that shows it")
         at = end = _skipped(data, prefix, rest[:varying], cdr, big_endian)
         at = _skipped(data, at, rest[varying:], cdr, big_endian)

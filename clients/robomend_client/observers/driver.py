@@ -54,7 +54,6 @@ from robomend_client.observers.base import (
     Observer,
     Publishers,
     SeesPublishers,
-    Steady,
     Verdict,
     WrongKind,
 )
@@ -100,6 +99,7 @@ class Driver:
         # What came at one time of a log that is far from the time before it: one sample of each source.
         self._held: list[tuple[str, int, object]] = []
         self._listeners = tuple(listeners)
+        self._hearing = [one.sample for one in listeners if type(one).sample is not Listener.sample]
         for state in self._states:
             for source in state.observer.sources:
                 self._routes.setdefault(source, _Route()).states.append(state)
@@ -141,10 +141,11 @@ class Driver:
             route = self._routes[source]
         except KeyError:
             return ()
-        if type(value) is Contact:
-            return self.look(source, value, time_ns if now_ns is None else now_ns)
-        if type(value) is Publishers:
-            return self.publishers(source, value.nodes, time_ns if now_ns is None else now_ns)
+        if value is not None:
+            if type(value) is Contact:
+                return self.look(source, value, time_ns if now_ns is None else now_ns)
+            if type(value) is Publishers:
+                return self.publishers(source, value.nodes, time_ns if now_ns is None else now_ns)
         if now_ns is None:
             now_ns = self.now_ns
             ahead_ns = time_ns - now_ns
@@ -169,8 +170,8 @@ class Driver:
             route.newest_ns = time_ns
         else:
             time_ns = route.newest_ns  # overtaken within its source
-        for listener in self._listeners:
-            listener.sample(source, time_ns, value, now_ns)
+        for hear in self._hearing:
+            hear(source, time_ns, value, now_ns)
         if route.lost_ns is not None and time_ns >= route.lost_ns:
             changes = [*changes, *self._looked(route, source, Contact.BACK)]
         for state in route.states:
@@ -518,16 +519,14 @@ def steady(
     """
     taking: list[tuple[ObserverState, Callable[[], None]]] = []
     for state in states:
-        observer = state.observer
-        mine = observer.sources & samples.keys()
+        mine = state.observer.sources & samples.keys()
         if not mine:
             if state.tick_ns <= until_ns:
                 return None
             continue
         times_ns, values = samples[next(iter(mine))]
         if (
-            not isinstance(observer, Steady)
-            or len(observer.sources) > 1
+            state.steady is None
             or state.waiting
             or state.blind
             or state.said is None
@@ -538,7 +537,7 @@ def steady(
             if state.check(now_ns) is not state.said:
                 return None
             found = None if values is None else values()
-            take = observer.steady(times_ns, found, until_ns) if values is None or found is not None else None
+            take = state.steady(times_ns, found, until_ns) if values is None or found is not None else None
         except Exception:  # noqa: BLE001  # anybody's observer may raise anything: then it does so when it is fed
             return None
         if take is None:

@@ -260,18 +260,18 @@ class GeneralObserver:
             return None
         known = np.fromiter(islice(reversed(self._times), size), np.int64, size)[::-1]
         times_ns = np.concatenate([known, times_ns])
-        gaps_ns = np.diff(times_ns[size - 1 :])
-        if gaps_ns.min() < 0 or gaps_ns.max() >= min(self._usual_ns, self._silence_ns):
+        gaps_ns = times_ns[size:] - times_ns[size - 1 : -1]
+        if gaps_ns[0] < 0 or gaps_ns.max() >= min(self._usual_ns, self._silence_ns):
             return None
         counted_ns = times_ns
         if self._pause_ns is not None:
             before = np.fromiter(islice(reversed(self._counted), size), np.int64, size)[::-1]
             counted_ns = np.concatenate([before, before[-1] + np.cumsum(np.minimum(gaps_ns, self._pause_ns))])
         spans_ns = counted_ns[size - 1 :] - counted_ns[: 1 - size]
-        if spans_ns.min() <= 0:
+        shortest_ns, longest_ns = int(spans_ns.min()), int(spans_ns.max())
+        if shortest_ns <= 0:
             return None
-        rates_hz = (size - 1) * SECOND / spans_ns
-        if rates_hz.min() <= self._lowest_hz or rates_hz.max() >= self._highest_hz:
+        if self._full / longest_ns <= self._lowest_hz or self._full / shortest_ns >= self._highest_hz:
             return None
 
         def take() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from heapq import heapify, heappop, heappush
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import DueAgain, Observer, Patient, Verdict, ns
+from robomend_client.observers.base import DueAgain, Observer, Patient, Steady, Verdict, ns
 
 GRID_NS = 10_000_000
 """Ticks of observers that are due; coarse enough that many of them share a wake-up."""
@@ -41,6 +41,7 @@ class ObserverState:
         "patient_until_ns",
         "period_ns",
         "said",
+        "steady",
         "tick_ns",
         "verdicts",
         "waiting",
@@ -51,6 +52,8 @@ class ObserverState:
         self.number = number
         self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
         self.due_after = observer.due_after if isinstance(observer, DueAgain) else None
+        alone = isinstance(observer, Steady) and len(observer.sources) == 1
+        self.steady = observer.steady if alone else None  # type: ignore[attr-defined]  # as it was asked
         self.period_ns = observer.period_ns
         self.fed = False
         self.blind: set[str] = set()  # its sources at which nobody looks

@@ -71,6 +71,7 @@ def test_what_is_wrong_with_topics_is_told_once_and_the_rest_is_heard(zenoh_robo
     number = {"type": "std_msgs/Float64", "rate": 20}
     bad.do("publish", topic="/x", raw="0001000009000000ffff", **string)
     bad.do("publish", topic="/empty", raw="", **string)
+    bad.do("publish", topic="/swapped", raw="00000000000000000000f83f", **number)  # 1.5, if it said so
     bad.do("publish", topic="/nan", value={"data": math.nan}, **number)
     bad.do("publish", topic="/odd", value={"data": 1.0}, **number)
     bad.do("publish", topic="/other", hash="RIHS01_" + "0" * 64, **number)
@@ -82,7 +83,7 @@ def test_what_is_wrong_with_topics_is_told_once_and_the_rest_is_heard(zenoh_robo
 
     async def test() -> None:
         sources = ("x", "x:data", "nan:data", "odd:nothing", "odd", "other:data", "empty:data", "scan")
-        async with listening(zenoh_robot, *sources, "changes", "changes:data") as heard:
+        async with listening(zenoh_robot, *sources, "swapped:data", "changes", "changes:data") as heard:
             for source in ("x", "nan:data", "odd", "scan", "changes:data"):  # we hear it of any type
                 await heard.more(source)
             why = "a message of std_msgs/String cannot be read"
@@ -90,13 +91,14 @@ def test_what_is_wrong_with_topics_is_told_once_and_the_rest_is_heard(zenoh_robo
                 "/odd by /bad, nothing: no field nothing",
                 f"messages of /x by /bad: {why}",
                 f"messages of /empty by /bad: {why}",
+                "messages of /swapped by /bad: a message of std_msgs/Float64 cannot be read",
                 "messages of /other by /bad: the definition of std_msgs/Float64 here is not its",
                 "/bad publishes std_msgs/String, /mapper asks for std_msgs/Float64: no message",
                 "/map, its nodes: /bad publishes std_msgs/String of another definition, /mapper",
             ):
                 await heard.told(told)
             await heard.more("x", 5)
-            assert heard.count("x:data") == 0
+            assert heard.count("x:data") == heard.count("swapped:data") == 0
             assert math.isnan(heard.last("nan:data"))
             await asyncio.to_thread(bad.do, "unpublish", topic="/changes")
             await asyncio.to_thread(mapper.do, "publish", topic="/changes", value={"data": "now"}, **string)
@@ -105,6 +107,6 @@ def test_what_is_wrong_with_topics_is_told_once_and_the_rest_is_heard(zenoh_robo
             await heard.more("changes")
             await asyncio.to_thread(bad.do, "unpublish", topic="/scan")
             await heard.told("/scan, its nodes: well again")
-            assert len(heard.log) == 8, heard.log
+            assert len(heard.log) == 9, heard.log
 
     asyncio.run(test())
