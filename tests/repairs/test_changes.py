@@ -263,6 +263,27 @@ async def test_a_dead_device_is_bridged_at_once_and_the_robot_is_degraded(tmp_pa
         assert texts(changes[1:]) == [("odometry", "lidar", "changed")]
 
 
+async def test_what_may_be_broken_and_is_seen_to_work_is_changed_to(tmp_path: Path) -> None:
+    """The supply of both may be what is wrong with the lidar; odometry shows that it is good enough."""
+    model = MODEL.replace("lidar: {channel: 3}", "lidar: {channel: 3, fed_by: [battery]}")
+    model = model.replace("hardware:", "hardware:\n  battery: {channel: 2}\n  motors: {fed_by: [battery]}")
+    model = model.replace("wheels_node: {", "wheels_node: {drives: [motors], ")
+    blind = "do: [localise(odometry)]}\n      blind: {do: [localise(blind)]}"
+    model = model.replace("do: [localise(odometry)]}", blind)
+    async with service(tmp_path) as runtime, rover_on(runtime, model) as rover:
+        await rover.settled()
+        rover.lidar = False
+        (change,) = await ended(runtime, 1)
+        assert texts([change]) == [("lidar", "odometry", "changed")]
+        assert "battery" in change["reason"]
+        state = await runtime.robots.memory.robot("r1")
+
+        async def degraded() -> bool:
+            return str(health_of(state)[0]) == "degraded"
+
+        await until(degraded, "the robot to be degraded")
+
+
 CART = """\
 robomend: 1
 name: cart

@@ -9,7 +9,8 @@ functions that it needs work as it needs them. Functions do not need each other 
 its most preferred variant in turn, and that choice is the only one there is.
 
     broken      every diagnosis blames something that the variant needs: it is left
-    suspected   some diagnosis does: it is not changed to, and not left either
+    suspected   some diagnosis does, and not all that it publishes is seen to come: it is not changed to, and
+                not left either
     unknown     nobody reports what its condition speaks of: it is not changed to, and not left either
 
 To what is worse is changed at once, as what was active does not do any more; to what is better once that was
@@ -33,6 +34,7 @@ from robomend.model.vocabulary import ACTIVE
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
 from robomend.planning.grounding import Grounder
+from robomend.planning.influence import published
 from robomend.planning.plan import Plan, Step
 from robomend.planning.planning import PlanOptions, plan_problem
 from robomend.planning.policy import HOUR_NS
@@ -138,7 +140,7 @@ def _standing(
     needs = needs_of(variant, model)
     components = all_of(variant, model)
     blamed = [components.intersection(bad) for bad in known.diagnoses]
-    suspected = any(blamed)
+    suspected = any(blamed) and not _seen_to_work(variant, known, model)
     if blamed and all(blamed):
         names = sorted(frozenset().union(*blamed))
         return Standing(False, True, why=f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} blamed")
@@ -163,6 +165,12 @@ def _standing(
         names = sorted(frozenset().union(*blamed))
         return Standing(True, True, why=f"{', '.join(names)} may be broken")
     return Standing(True)
+
+
+def _seen_to_work(variant: Variant, known: KnownState, model: ComponentModel) -> bool:
+    """Whether all that its components publish comes: what they rest on is good enough."""
+    topics = published(model, variant.needs)
+    return bool(topics) and all(known.value(Atom("ok", (topic,))) for topic in topics)
 
 
 def unmet(formula: Formula, known: KnownState, shift: int = 0) -> str:
@@ -206,9 +214,9 @@ def does_without(
     model: ComponentModel, states: Mapping[str, FunctionState], diagnoses: Iterable[Collection[str]]
 ) -> bool:
     """Return whether a robot does without all that its diagnoses blame: each function works by a variant that
-    needs nothing of it, and what is blamed is needed by others only. What is optional may be lost, and what
-    is not known is no fault: a condition that nobody reports; a function of which nobody says by which
-    variant it works may work by any of them.
+    needs nothing of it, or is seen to work, and what is blamed is needed by others only. What is optional may
+    be lost, and what is not known is no fault: a condition that nobody reports; a function of which nobody
+    says by which variant it works may work by any of them.
     """
     blamed = frozenset[str]().union(*diagnoses)
     if not blamed:
@@ -228,7 +236,8 @@ def does_without(
         by = state.reported or tuple(function.variants)
         if all(state.standings[one].admissible is False for one in by):
             return False
-        if blamed.intersection(needed(function.variants[one] for one in by)):
+        doubtful = (one for one in by if not state.standings[one].fine)
+        if blamed.intersection(needed(function.variants[one] for one in doubtful)):
             return False
     return True
 
