@@ -72,7 +72,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Let go of the browser before a test in which an event loop may run."""
+    """Let go of the browser before a test in which an event loop may run, and set up where services log."""
+    log_where_the_service_s_go(item.config)
     loaded = sys.modules.get("tests.browser")
     if loaded is not None and "browser" not in getattr(item, "fixturenames", ()):
         loaded.HELD.close(item.path)
@@ -84,19 +85,20 @@ def long(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--long"))
 
 
-@pytest.fixture(autouse=True)
-def _logs_go_where_the_service_s_go(pytestconfig: pytest.Config) -> None:
+def log_where_the_service_s_go(config: pytest.Config) -> None:
     """Services in this process log to stderr, as `robomend serve` does: stdout is for results.
 
-    Between tests nobody catches it, and it would stand among the dots of the run.
+    Between tests nobody catches it, and it would stand among the dots of the run. It is so before the first
+    fixture of a test: that of a module may start a service, after a test that set up another log.
     """
     if (structlog := sys.modules.get("structlog")) is not None:  # the client is tested without it
-        shown = pytestconfig.getoption("capture") == "no"
+        shown = config.getoption("capture") == "no"
 
         def of_that_moment(*_: object) -> Any:
             caught = shown or sys.stderr is not sys.__stderr__
             return structlog.PrintLogger(sys.stderr if caught else NOWHERE)
 
+        structlog.reset_defaults()
         structlog.configure(logger_factory=of_that_moment)
 
 

@@ -18,8 +18,9 @@ import sys
 import threading
 import time
 from collections.abc import MutableMapping
+from contextlib import suppress
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TextIO, cast
 
 import structlog
 
@@ -112,9 +113,31 @@ def without_secrets(_: Any, __: str, entry: Entry) -> Entry:
     return entry
 
 
+class Stderr:
+    """Standard error, of which nobody is told that it cannot be written: who reads it is gone, the disk full.
+
+    Whoever logs goes on.
+    """
+
+    def __init__(self) -> None:
+        self._stream = sys.stderr
+
+    def write(self, text: str) -> int:
+        """Write what can be written."""
+        with suppress(OSError, ValueError):  # ValueError: it is closed
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Hand it on, if that is possible."""
+        with suppress(OSError, ValueError):
+            self._stream.flush()
+
+
 def configure(level: str, form: str) -> None:
     """Set up logging for the process; `form` is "json" or "text"."""
     global _least  # of the process, as all of the logging is
+    stderr = Stderr()
     _least = number = logging.getLevelNamesMapping()[level.upper()]
     shared: list[Any] = [
         of_request,
@@ -131,10 +154,10 @@ def configure(level: str, form: str) -> None:
     structlog.configure(
         processors=[Crowds(), *shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(number),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, stderr)),
         cache_logger_on_first_use=False,  # tests and commands configure more than once
     )
-    handler = logging.StreamHandler(sys.stderr)
+    handler = logging.StreamHandler(stderr)
     handler.addFilter(Crowds())
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(

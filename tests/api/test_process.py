@@ -253,6 +253,33 @@ def test_the_watchdog_hears_of_a_service_that_turns(tmp_path: Path) -> None:
                 line.recv(100)
 
 
+def test_a_log_that_nobody_reads_any_more_holds_up_nobody(tmp_path: Path) -> None:
+    """Whoever reads its stderr has ended; that its loop was held is a line that cannot be written."""
+    read, write = os.pipe()
+    announced = command("serve", "--port", "0", "--announce", "--data", str(tmp_path))
+    process = popen(announced, stdout=subprocess.PIPE, stderr=write, text=True)
+    os.close(write)
+    try:
+        url = json.loads(process.stdout.readline())["url"]
+        os.close(read)
+
+        def ticks() -> float:
+            lines = httpx.get(f"{url}/metrics", timeout=60).text.splitlines()
+            name = "robomend_loop_delay_seconds_count "
+            return float(next(line for line in lines if line.startswith(name)).split()[1])
+
+        before = ticks()
+        _halt(process.pid)
+        time.sleep(0.5)  # time itself: so long its loop is held
+        os.kill(process.pid, signal.SIGCONT)
+        until(lambda: ticks() > before + 20, "its loop is watched on")
+        assert httpx.get(f"{url}/api/v1/robots", timeout=60).status_code == 200
+    finally:
+        process.kill()
+        process.wait(60)
+        process.stdout.close()
+
+
 def _halt(pid: int) -> None:
     """Stop a process, and return when it stands still."""
     os.kill(pid, signal.SIGSTOP)

@@ -58,6 +58,11 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return many_logs(tmp_path_factory.mktemp("many") / "logs")
 
 
+def one_long(many: Path) -> str:
+    """Return a log as long as `batching` takes one."""
+    return "".join(log.read_text() for log in sorted(many.iterdir()))[: 900 << 10]
+
+
 def test_a_service_that_is_killed_goes_on_where_it_was(
     many: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,8 +98,7 @@ def test_a_service_that_is_killed_goes_on_where_it_was(
 def test_a_program_that_is_killed_is_started_again_and_given_up_in_the_end(
     batching: Service, many: Path
 ) -> None:
-    log = "".join(one.read_text() for one in sorted(many.iterdir()))
-    batch = batching.api("POST", "/batches", **form(("a.ndjson", log[: 900 << 10]))).json()["id"]
+    batch = batching.api("POST", "/batches", **form(("a.ndjson", one_long(many)))).json()["id"]
     killed: set[int] = set()
 
     def over() -> bool:
@@ -112,7 +116,7 @@ def test_a_program_that_is_killed_is_started_again_and_given_up_in_the_end(
 
 
 def test_cancelling_ends_its_processes(batching: Service, many: Path) -> None:
-    batch = batching.api("POST", "/batches", **uploads(many)).json()["id"]
+    batch = batching.api("POST", "/batches", **form(("a.ndjson", one_long(many)))).json()["id"]
     was = running(batch)
     assert batching.api("DELETE", f"/batches/{batch}").json()["state"] == "cancelled"
     until(lambda: not any(map(alive, was)), "its program ends")

@@ -11,10 +11,10 @@ from typing import Any
 import psycopg
 import pytest
 from sqlalchemy import Connection, MetaData, inspect, select
+from tests.api.test_process import told
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, owner
 
-from robomend.cli.commands import run
 from robomend.errors import StoreError
 from robomend.store import Store, agent_actions, api_keys, global_stop, journal, observations, repairs, schema
 from robomend.store.database import Database
@@ -154,16 +154,15 @@ def test_a_database_of_a_newer_robomend_is_refused_and_left_alone(url: str) -> N
 
 @pytest.mark.parametrize("version", ["0001", "0010"])
 def test_a_database_of_a_development_version_is_refused_in_one_sentence_and_left_alone(
-    url: str, version: str, capsys: pytest.CaptureFixture[str]
+    url: str, version: str, tmp_path: Path
 ) -> None:
     database = Database(url)
     database.prepare()
     with closing(database.open_writer()) as connection, connection.begin():
         connection.execute(schema.version.update().values(version_num=version))
     for command in ("serve --port 0", "export"):
-        assert run([*command.split(), "--database", url]) == 3
-        out, err = capsys.readouterr()
-        assert out == ""
+        code, out, err = told(tmp_path, *command.split(), "--database", url)  # to serve sets up a log
+        assert (code, out) == (3, "")
         [line] = err.splitlines()
         assert f"schema '{version}' of a development version" in line
     with database.reading() as reading:
