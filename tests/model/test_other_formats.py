@@ -36,7 +36,7 @@ SAMPLES = {
     "a LyDiA model": "system inverter(bool i, o)\n{\n  bool h;\n  h => (o = !i);\n}\n",
     "PDDL": "; a domain\n(define (domain robot)\n  (:requirements :strips))\n",
     "an SMT-LIB script": "(set-logic QF_UF)\n(declare-fun a () Bool)\n",
-    "an answer set program (or Prolog)": "% a diagnosis\ncomponent(a).\n{ ab(C) } :- component(C).\n",
+    "an answer set program (or Prolog)": "% a diagnosis\n{ ab(C) } :- component(C).\n",
     "a file of Python": "import os\n\nprint(os.name)\n",
 }
 

@@ -83,7 +83,7 @@ FORMATS: tuple[tuple[str, str, str], ...] = (
     ),
     (
         "an answer set program (or Prolog)",
-        r"^\s*(?:[a-z_]\w*(?:\([^()]*\))?\s*\.|[^%\n]*:-|#(?:show|const|program|minimize|include)\b.*\.)\s*(?:%.*)?$",
+        r"^\s*(?:[a-z_]\w*(?:\([^()]*\))?\s*\.|(?:[a-z\d{][^%\n:]*)?:-(?:[^\n]*\.)?|#(?:show|const|program|minimize|include)\b.*\.)\s*(?:%.*)?$",
         "write components and rules as a component model (`robomend init model`) or a five-key model",
     ),
     ("a file of Python", r"^(?:from|import)\s+\w|^def\s+\w+\(", "a model is YAML or a .bench netlist"),

@@ -421,6 +421,21 @@ def test_a_status_is_put_to_the_node_of_its_namespace_and_tools_are_no_part_of_t
     }
 
 
+def test_a_status_that_comes_twice_in_each_message_is_learned(tmp_path: Path) -> None:
+    """Two motors of one name in one message: between them is no time."""
+    log = tmp_path / "twice.bag"
+    with BagWriter(log) as bag:
+        kind = KINDS["diagnostics"]
+        of = bag.add_connection("/diagnostics", kind, typestore=ROS1, callerid="/base")
+        for number in range(120):
+            at_ns = EPOCH_NS + number * SECOND
+            made = message(ROS1, "diagnostics", 40.0 + number % 7, at_ns, "x")
+            made.status = [*made.status, *made.status]
+            bag.write(of, at_ns, ROS1.serialize_ros1(made, kind))
+    assert learn(log, "-o", tmp_path, "--quiet") == 0
+    assert "interval_s: 1," in (tmp_path / "observers.yaml").read_text()
+
+
 def test_what_cannot_be_learned_from_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     literals = ndjson(tmp_path / "literals.ndjson", (0.0, "ok(scan)"))
     assert learn(literals, "-o", tmp_path / "draft") == 2
