@@ -62,6 +62,73 @@ def test_what_says_the_same_is_no_event(service: Service) -> None:
     assert [one["result"]["diagnoses"][0]["bad"] for one in found] in ([[], ["hokuyo"]], [["hokuyo"]])
 
 
+CHAIN = """
+robomend: 1
+name: chain
+nodes:
+  lidar_node: {publishes: {scan: []}}
+  mapping: {publishes: {map: [scan]}}
+  planner: {publishes: {path: [map]}}
+  camera: {publishes: {img: []}}
+"""
+
+
+class Chain:
+    """A robot whose lidar driver dies and is back, as its observers tell it."""
+
+    def __init__(self, service: Service, robot: str, detection_s: float) -> None:
+        service.api("PUT", "/models/chain", json={"source": CHAIN})
+        asked = {"model": "chain", "detection_s": detection_s}
+        assert service.api("PUT", f"/robots/{robot}", json=asked).status_code == 201
+        self.service, self.robot = service, robot
+        self.tell("ok(img)", "ok(scan)", "ok(map)", "ok(path)", "running(lidar_node)", "running(mapping)")
+        self.fell_ns = time.time_ns()
+
+    def tell(self, *sentences: str, onset_ns: int | None = None) -> list[set[str]]:
+        now_ns = time.time_ns()
+        onset = [onset_ns if one.startswith("not ok") else None for one in sentences]
+        how = {"time": now_ns, "since": [now_ns] * len(sentences), "onset": onset}
+        told = self.service.observe(*sentences, robot=self.robot, source="general", **how)
+        assert told.status_code < 300, told.text
+        return bad_sets(self.service.diagnosis(self.robot, wait_s=60, after=told.json()["revision"] - 1))
+
+    def dies(self) -> None:
+        assert self.tell("not running(lidar_node)", "not ok(scan)", onset_ns=self.fell_ns) == [{"lidar_node"}]
+
+
+def test_an_output_that_fell_with_its_input_is_no_evidence_until_its_observer_has_settled(
+    service: Service,
+) -> None:
+    chain = Chain(service, "back", detection_s=60.0)
+    chain.dies()
+    assert chain.tell("not ok(map)", "not ok(path)", onset_ns=chain.fell_ns) == [{"lidar_node"}]
+    assert chain.tell("running(lidar_node)", "ok(scan)") == [{"lidar_node"}]
+    # What breaks meanwhile is named at once, alone, be it what the output was to come from.
+    assert chain.tell("not ok(img)", onset_ns=time.time_ns()) == [{"camera"}]
+    assert chain.tell("ok(img)", "not running(mapping)") == [{"mapping"}]
+    assert chain.tell("running(mapping)") == [{"mapping"}]
+    assert chain.tell("ok(map)") == [{"mapping"}]
+    assert chain.tell("ok(path)") == [set()]
+    assert not any({"planner"} in bad_sets(told) for told in published(service, "back"))
+
+
+def test_one_that_stays_away_is_named_when_its_observer_has_settled_and_one_that_fell_first_at_once(
+    service: Service,
+) -> None:
+    chain = Chain(service, "away", detection_s=0.5)
+    chain.dies()
+    chain.tell("not ok(map)", "not ok(path)", onset_ns=chain.fell_ns)
+    before = chain.tell("running(lidar_node)", "ok(scan)")
+    assert before in ([{"lidar_node"}], [{"mapping"}])  # the latter where the computer was elsewhere
+    until(lambda: bad_sets(service.diagnosis("away")) == [{"mapping"}], "mapping is blamed")
+    assert chain.tell("ok(map)", "ok(path)") == [set()]
+
+    first = Chain(service, "first-fell", detection_s=60.0)
+    assert first.tell("not ok(map)", onset_ns=time.time_ns() - 300 * 10**9) == [{"mapping"}]
+    first.dies()
+    assert first.tell("running(lidar_node)", "ok(scan)") == [{"mapping"}]
+
+
 def test_contradictory_observations_are_an_answer_of_their_own(service: Service) -> None:
     source = "robomend: 1\nname: c\nhardware:\n  a: {channel: 1}\nnodes: {}\nrules: ['on(a)']\n"
     assert service.api("PUT", "/models/contradicted", json={"source": source}).status_code == 201

@@ -272,7 +272,7 @@ def test_what_is_being_acted_on_is_not_called_unobserved() -> None:
 def test_healthy_unknown_and_never_reported() -> None:
     healthy = HealthState.HEALTHY
     assert said(health=healthy, since_ns=AT) == ("Healthy since 23:23:04.", "Nothing is to be done.")
-    done = repair(RepairState.REPAIRED, rounds=[{"plan": [step("power_up", "hokuyo")]}])
+    done = repair(RepairState.REPAIRED, rounds=[{"plan": [step("power_up", "hokuyo", state="done")]}])
     assert said(health=healthy, repair=done)[1] == (
         "Nothing is to be done; repaired at 23:23:04: Power up hokuyo."
     )
@@ -280,6 +280,9 @@ def test_healthy_unknown_and_never_reported() -> None:
     assert said(health=healthy, repair=done)[1] == (
         "Nothing is to be done; well again at 23:23:04; it is not seen that this helped: Power up hokuyo."
     )
+    back = [step("start_node", "driver", state="already-there"), step("start_node", "map")]
+    done["rounds"].append({"plan": back, "helped": False})  # of which nothing was done
+    assert said(health=healthy, repair=done)[1].endswith("it is not seen that this helped: Power up hokuyo.")
     assert said(health=HealthState.UNKNOWN, since_ns=AT) == (
         "Nothing is heard of it since 23:23:04.",
         "A person is needed: are its agent and its network running?",
@@ -306,7 +309,7 @@ def test_healthy_unknown_and_never_reported() -> None:
             [],
             (),
             "No fault is known, and what was observed is not judged yet.",
-            "It is judged as soon as it is reported.",
+            "It is judged in a moment.",
         ),
     ],
 )

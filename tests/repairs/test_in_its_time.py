@@ -88,6 +88,27 @@ async def test_a_node_has_the_time_that_the_model_says_it_needs(tmp_path: Path) 
     assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
 
 
+async def test_a_start_of_which_nothing_is_known_has_twice_as_long_each_time_it_was_given_up(
+    tmp_path: Path,
+) -> None:
+    """A mapper loads its map for 3 s, and begins anew when it is stopped; `effect_timeout_s` is 1 s."""
+    loading: list[asyncio.TimerHandle] = []
+
+    async def loads(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.do(name, parameter)
+        for handle in loading:
+            handle.cancel()
+        if name == "start_node":
+            robot.broken_topics.add("map")
+            loaded = asyncio.get_running_loop().call_later(3.0, robot.broken_topics.discard, "map")
+            loading.append(loaded)
+        return 0
+
+    repair, robot = await repaired(tmp_path, lambda robot: robot.do("stop_node", "mapping"), spoil=loads)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done.count("start_node(mapping)") <= 3
+
+
 async def test_a_node_has_the_time_that_it_took_at_the_robots_boot(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
         robot.spoil = slow_driver

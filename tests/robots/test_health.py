@@ -13,6 +13,7 @@ from robomend.entry import Entry
 from robomend.model.loading import load_text
 from robomend.oneshots.warm_model import ask_engine
 from robomend.repairs.conclusions import nobody_blamed
+from robomend.repairs.headline import of_robot
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.batches import Update
 from robomend.robots.clock import CLOCK
@@ -136,3 +137,11 @@ def test_a_robot_of_which_all_is_known_to_be_well_is_healthy() -> None:
     with patch.object(CLOCK, "now_ns", lambda: world.now_ns):
         assert health_of(world.robot) == (HealthState.HEALTHY, ())
         assert nobody_blamed(world.robot, {})[0] is RepairTrigger.HEALTHY
+
+
+def test_what_is_reported_and_not_judged_yet_is_not_called_unobserved() -> None:
+    world = World()
+    world.do("report", Atom("ok", ("image",)), False, None)
+    with patch.object(CLOCK, "now_ns", lambda: world.now_ns):
+        told = of_robot(world.robot, None).text(world.now_ns)
+    assert told.startswith("No fault is known, and what was observed is not judged yet.")

@@ -112,7 +112,8 @@ class Score:
 
     def as_json(self) -> dict[str, Any]:
         """Return the score as JSON values."""
-        return {**asdict(self), "right": self.right, "extra": self.extra, "beyond_s": self.beyond_s}
+        right = None if self.group == "healthy" else self.right  # a stretch has no end to be right
+        return {**asdict(self), "right": right, "extra": self.extra, "beyond_s": self.beyond_s}
 
 
 def score(record: Record, robot: Robot) -> Score:

@@ -85,23 +85,41 @@ BEFORE_NS = S_TO_NS
 """The last good sample of what an act broke may be so much older than the act."""
 
 
+AT_ONCE_NS = S_TO_NS
+"""What fails so soon after an action was sent, was broken by it: two faults seldom coincide so closely, and
+not one after the other …"""
+
+ALIKE_NS = S_TO_NS
+"""… or twice equally late, to so much, which is no coincidence either."""
+
+
 def undoing(
     tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
 ) -> tuple[Attempt, ...]:
     """Return the repairs in a row that would begin anew with this one, the oldest first: each brought back
     what it was for, and soon after its acts that failed which the next one was for, in the end what the first
     was for. Nothing where this would do something else, or follows from nothing that was done; nor where
-    some of what a repair was for fails again, too: that did not last, and nothing else broke by it.
+    some of what a repair was for fails again, too: that did not last, and nothing else broke by it. Nor where
+    it may be faults of their own that come in turn: each failed at once, or the whole row twice alike.
     """
     row: list[Attempt] = []
+    later_ns: list[int] = []  # how long after an action of each the next one's fault began
+    once = 0  # how many repairs it takes until they begin anew
     soon_ns, broken = int(patience.relapse_s * S_TO_NS), again
     for one in sorted(tried, key=lambda one: -one.time_ns):
         by_it = one.began_ns - BEFORE_NS <= broken.symptom_ns <= one.time_ns + soon_ns
         if not (one.helped and by_it and one.bad.isdisjoint(broken.bad)):
             break
-        row.insert(0, one)
+        row.append(one)
+        before = (sent for sent in one.sent_ns if sent - BEFORE_NS <= broken.symptom_ns)
+        later_ns.append(broken.symptom_ns - max(before, default=one.began_ns))
         if one.bad == again.bad and set(again.actions) <= set(one.actions):
-            return tuple(row)
+            if not once and max(later_ns) <= AT_ONCE_NS:
+                return tuple(reversed(row))
+            if once:
+                alike = all(abs(a - b) <= ALIKE_NS for a, b in zip(later_ns, later_ns[once:], strict=False))
+                return tuple(reversed(row[:once])) if alike and len(row) == 2 * once else ()
+            once = len(row)
         broken = one
     return ()
 

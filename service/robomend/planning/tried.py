@@ -49,6 +49,7 @@ class Attempt:
     lasted: bool = True  # False: it helped, and soon the same was suspected again (quarantine.py)
     symptom_ns: int = 0  # when what it was for began to fail; 0: nobody knows
     down: tuple[tuple[str, int], ...] = ()  # nodes that did not run when it began, with since when
+    sent_ns: tuple[int, ...] = ()  # when its actions were sent, the first one first
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,6 +138,8 @@ def began(entry: Entry) -> tuple[int, str]:
 def of_robot(robot: Robot, repair: Json | None) -> Headline:
     """Return the headline of a robot as it is now; `repair` is its newest, as HTTP shows it."""
     health, unknown = health_of(robot)
+    behind = set(robot.not_judged())  # what is reported, and in no diagnosis yet
+    unknown = tuple(atom for atom in unknown if atom not in behind)
     current = robot.current
     result = {} if current is None or current.result is None else current.result
     found = [one for one in result.get("diagnoses", ()) if one["bad"]]
@@ -530,6 +532,8 @@ def question(atom: str) -> str:
 
 # --- what happens next
 
+SENT = frozenset({StepState.RUNNING, StepState.DONE, StepState.FAILED})
+
 DONE = "The actions are done; what is observed next shows whether they helped."
 
 
@@ -558,7 +562,8 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
                     False,
                     None,
                 )
-            return ("It is judged as soon as it is reported.",), False, None
+            when = "as soon as it is reported" if of.unknown else "in a moment"
+            return (f"It is judged {when}.",), False, None
     if of.policy == "observe":
         return ("A person is needed: robomend only observes it.",), True, None
     if repair is not None and repair["state"] != RepairState.REPAIRED:
@@ -583,13 +588,14 @@ def _given_up(repair: Json) -> Told:
 def _mended(repair: Json | None) -> Told:
     if repair is None or repair["state"] != RepairState.REPAIRED or not repair.get("rounds"):
         return ("Nothing is to be done.",)
-    last = repair["rounds"][-1]
-    acts = _titles(last["plan"])
+    done = [(one, [step for step in one["plan"] if step["state"] in SENT]) for one in repair["rounds"]]
+    last, steps = next((each for each in reversed(done) if each[1]), done[-1])
+    acts = _titles(steps)
     if acts and last.get("helped") is False:  # it came back late, or by itself: nobody knows which act did it
         what = f"; it is not seen that this helped: {acts}."
         return ("Nothing is to be done; well again at ", repair["finished_ns"], what)
-    done = f": {acts}" if acts else ""
-    return ("Nothing is to be done; repaired at ", repair["finished_ns"], f"{done}.")
+    what = f": {acts}" if acts else ""
+    return ("Nothing is to be done; repaired at ", repair["finished_ns"], f"{what}.")
 
 
 def _of_open(repair: Json) -> tuple[Told, bool, str | None]:

@@ -174,6 +174,7 @@ def judged(
         "cures": sorted({kind for kind, _ in curing(choice.plan, choice.diagnosis.bad).values()}),
         "mode": next(iter(choice.diagnosis.modes.values()), None),
         "symptom_ns": began_ns(state, choice.diagnosis.bad, symptoms),
+        "sent_ns": sorted(report.sent_ns for report in execution.steps if report.sent_ns),
         "down": down(symptoms),
         **({"undid": [str(atom) for atom in undid]} if undid else {}),
     }
@@ -274,6 +275,7 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         by_itself=bool(record.data.get("by_itself")),
         symptom_ns=record.data.get("symptom_ns", 0),
         down=tuple(sorted(record.data.get("down", {}).items())),
+        sent_ns=tuple(record.data.get("sent_ns", ())),
     )
 
 

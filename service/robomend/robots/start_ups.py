@@ -468,6 +468,9 @@ class StartUps:
                 due_ns = max(began_ns, booted_ns, coming_ns, *there) + _with_room(own_ns)
             else:
                 due_ns = max(coming_ns, booted_ns + usual_ns if booted_ns else 0)
+                ordered, _ = self._early(node, seen)
+                if ordered > 1 and not node.drives:  # to start it is all that can be done: it may be slow
+                    due_ns = max(due_ns, began_ns + (usual_ns << (ordered - 1)))
             latest_ns = max(latest_ns, due_ns)
         return latest_ns
 

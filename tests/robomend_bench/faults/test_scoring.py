@@ -250,6 +250,7 @@ def test_alarms_and_acts_on_a_healthy_robot_count() -> None:
     record.acts = [Acted(2.5, Act("stop_node", ("planner",)), "agent", 0)]
     found = score(record, SMALL)
     assert (found.group, found.alarms, found.acts) == ("healthy", 2, 1)
+    assert found.as_json()["right"] is None  # it is no fault that ended wrong
     assert found.points == pytest.approx(0.3)
 
 
