@@ -246,7 +246,7 @@ async def test_while_its_restart_is_under_way_a_node_is_said_to_be_restarted(tmp
 def test_of_a_repair_that_ended_well_it_is_said_what_was_wrong() -> None:
     done = {
         "symptoms": [symptom("not on(hokuyo)", "hokuyo"), symptom("not ok(scan)")],
-        "plan": [step("power_up", "hokuyo")],
+        "plan": [step("power_up", "hokuyo", state="done")],
         "diagnosis": {"bad": ["hokuyo"]},
     }
     of = repair(RepairState.REPAIRED, rounds=[done], created_ns=AT, finished_ns=AT + 61 * 10**9)

@@ -275,16 +275,18 @@ def _of_repaired(repair: Json) -> Headline:
             was += [part, " to ", end_ns]
         else:  # what was measured stays as it is
             was.append(part if part.startswith(" (") else WAS.sub(lambda found: PAST[found[0]], part))
-    return Headline((*was, "."), _what_helped(rounds[-1]), False, None, since_ns)
+    acts, helped = _last_acts(repair)
+    then = f"This helped: {acts}." if helped else f"It is not seen that this helped: {acts}."
+    return Headline((*was, "."), (then if acts else "It became well by itself.",), False, None, since_ns)
 
 
-def _what_helped(last: Json) -> Told:
-    acts = _titles(last["plan"])
-    if not acts:
-        return ("It became well by itself.",)
-    if last.get("helped") is False:  # it came back late, or by itself: nobody knows which act did it
-        return (f"It is not seen that this helped: {acts}.",)
-    return (f"This helped: {acts}.",)
+def _last_acts(repair: Json) -> tuple[str, bool]:
+    """Return what was done in the last round that did anything, and whether it is seen that it helped: what
+    came back late, or by itself, may be due to any act.
+    """
+    done = [(one, [step for step in one["plan"] if step["state"] in SENT]) for one in repair["rounds"]]
+    last, steps = next((each for each in reversed(done) if each[1]), done[-1])
+    return _titles(steps), last.get("helped") is not False
 
 
 PAST = {
@@ -588,10 +590,8 @@ def _given_up(repair: Json) -> Told:
 def _mended(repair: Json | None) -> Told:
     if repair is None or repair["state"] != RepairState.REPAIRED or not repair.get("rounds"):
         return ("Nothing is to be done.",)
-    done = [(one, [step for step in one["plan"] if step["state"] in SENT]) for one in repair["rounds"]]
-    last, steps = next((each for each in reversed(done) if each[1]), done[-1])
-    acts = _titles(steps)
-    if acts and last.get("helped") is False:  # it came back late, or by itself: nobody knows which act did it
+    acts, helped = _last_acts(repair)
+    if acts and not helped:
         what = f"; it is not seen that this helped: {acts}."
         return ("Nothing is to be done; well again at ", repair["finished_ns"], what)
     what = f": {acts}" if acts else ""

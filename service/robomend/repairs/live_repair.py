@@ -165,8 +165,7 @@ class LiveRepair:
         sight = self._state.sight
         vouched = frozenset(sight.vouched())
         # What is on its way to the disk is known already: on a slow one an act might come too late for it.
-        # And what is not published yet of what is not known to be back is looked at here (calm.py).
-        known = not (self._state.writing or sight.not_confirmed() or sight.not_back_yet())
+        known = not self._state.writing and not sight.not_confirmed()
         if known and len(vouched) == len(self._state.literals()):
             return result
         confirmed = self._robots.diagnosing.of(self._state, vouched)

@@ -23,7 +23,7 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import NotFound, RobomendError
 from robomend.metrics import Metrics
 from robomend.robots.clock import CLOCK
-from robomend.robots.diagnoser import Current, Diagnosed, Diagnoser, how
+from robomend.robots.diagnoser import Current, Diagnoser, how
 from robomend.robots.robot import Robot
 from robomend.settings import Settings
 from robomend.store import Store, Transaction
@@ -190,23 +190,15 @@ class Diagnosing:
 
     async def _diagnosed(self, robot: Robot) -> Current:
         revision, model_version = robot.revision, robot.model.version
-        stopped, options = robot.expected_stopped, how(robot.config, self._settings)
-        answer = await self._diagnoser.diagnose(*robot.question(), *options)
-        if (sure := _sure(robot, answer)) is not None:
-            answer = _stands(robot, answer, await self._diagnoser.diagnose(*robot.question(sure), *options))
+        stopped = robot.expected_stopped
+        answer = await self._diagnoser.diagnose(*robot.question(), *how(robot.config, self._settings))
         return Current.of(revision, model_version, answer, stopped)
 
     def at_once(self, robot: Robot, revision: int) -> Current | None:
         """Return the diagnosis of OBS as it is here, that of `revision`, if it is to be had at once."""
-        options = how(robot.config, self._settings)
-        answer = self._diagnoser.at_once(*robot.question(), *options)
+        answer = self._diagnoser.at_once(*robot.question(), *how(robot.config, self._settings))
         if answer is None:
             return None
-        if (sure := _sure(robot, answer)) is not None:
-            rest = self._diagnoser.at_once(*robot.question(sure), *options)
-            if rest is None:
-                return None
-            answer = _stands(robot, answer, rest)
         return Current.of(revision, robot.model.version, answer, robot.expected_stopped)
 
     async def of(self, robot: Robot, literals: Iterable[Literal]) -> DiagnosisResult:
@@ -229,31 +221,8 @@ class Diagnosing:
     def _published(self, robot: Robot, current: Current) -> None:
         robot.is_diagnosed(current)
         self._set_expiry(robot)
-        if early := robot.sight.not_back_yet():
-            left_s = (min(early.values()) - CLOCK.now_ns()) / 1e9
-            self._later(robot, "not back", max(0.0, left_s) + 0.001, self.wake)
         for callback in self._callbacks:
             callback(robot)
-
-
-def _sure(robot: Robot, answer: Diagnosed) -> list[Literal] | None:
-    """Return what is evidence already, where somebody is blamed and not all is: an output fell with its
-    input, which is back, and its observer has not had the time to see whether it is, too.
-    """
-    early = {} if answer.healthy else robot.sight.not_back_yet()
-    return [one for one in robot.literals() if one.atom not in early] if early else None
-
-
-def _stands(robot: Robot, answer: Diagnosed, sure: Diagnosed) -> Diagnosed:
-    """Return the diagnosis until the rest is evidence: that of what is sure; or where that blames nobody, who
-    was blamed before.
-    """
-    before = robot.current
-    if not sure.healthy:
-        return sure
-    same = before is not None and before.model_version == robot.model.version
-    held = before.answer if before is not None and same and not before.healthy else None
-    return answer if held is None or held.result is None else held
 
 
 async def _debounce(robot: Robot) -> None:

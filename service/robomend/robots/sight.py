@@ -67,7 +67,6 @@ class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
     __slots__ = (
-        "_back_ns",
         "_bad",
         "_clocks",
         "_fell",
@@ -99,7 +98,6 @@ class Sight:
         self._fell: dict[Atom, tuple[int, ...]] = {}  # what holds no more -> the same, of when it did
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
-        self._back_ns = 0  # when the latest of them was heard to hold again
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._taken_back: dict[Atom, int] = {}  # what is said to be unknown -> since when
         self._powerless: set[str] = set()  # devices that were last heard to be off
@@ -138,30 +136,6 @@ class Sight:
         left = frozenset(self.not_confirmed())
         literals = self._robot.literals()
         return tuple(literal for literal in literals if literal.atom not in left) if left else literals
-
-    def not_back_yet(self) -> dict[Atom, int]:
-        """Return what fell with something that it rests on and that is back: until when its observer may not
-        have seen it so. Until then it is no evidence against who publishes it.
-        """
-        robot, now_ns = self._robot, CLOCK.now_ns()
-        parts = robot.system.parts
-        if parts is None or now_ns - self._back_ns > LATE_NS:
-            return {}
-        symptoms = [e for e in robot.obs.entries() if not e.positive and e.atom in self._bad]
-        symptoms = [e for e in symptoms if e.atom.predicate == "ok" and e.fresh(now_ns)]
-        needs = needed(parts, {name for e in symptoms for name in e.atom.args})
-        found: dict[Atom, int] = {}
-        for entry in symptoms:
-            delays, way_ns = self.delays(entry.atom), self.on_its_way_ns()
-            for source in (Atom("ok", (one,)) for name in entry.atom.args for one in needs[name]):
-                rose_ns, fell_ns = self.rose_ns(source), self._bad.get(source)
-                if rose_ns is None or fell_ns is None:
-                    continue
-                # Its last good sample may be a little older than the input's.
-                with_it = fell_ns - delays.detection_ns <= entry.began_ns < rose_ns
-                if with_it and (end_ns := rose_ns + delays.settling_ns + way_ns) > now_ns:
-                    found[entry.atom] = max(end_ns, found.get(entry.atom, 0))
-        return found
 
     def vouched(self) -> tuple[Literal, ...]:
         """Return `literals` without what those say who repeat themselves and were not heard since the newest
@@ -452,7 +426,6 @@ class Sight:
             elif held is not None:
                 self._fell[atom] = held
             if positive and entry.since_ns is not None:
-                self._back_ns = CLOCK.now_ns() if atom in self._bad else self._back_ns
                 self._rose[atom] = (entry.since_ns,)
                 self._risen.add(atom)
             else:
