@@ -668,10 +668,12 @@ def _apart(
     apart: dict[str, VariantChange] = {}
     for one in due:
         variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
-        names = planned.union(*(all_of(variant, parts) for variant in variants))
+        rests_on = frozenset[str]().union(*(all_of(variant, parts) for variant in variants))
+        # Not what a supply feeds besides: that has nothing to do with the variant.
+        shown = planned.union(rests_on & parts.nodes.keys(), *(variant.needs for variant in variants))
         needs = {need.function for variant in variants for need in needs_of(variant, parts)}
         waiting = {other.function for other in due} - apart.keys()
-        if put_out(parts, names).isdisjoint(in_doubt) and needs.isdisjoint(waiting):
+        if in_doubt.isdisjoint(rests_on | put_out(parts, shown)) and needs.isdisjoint(waiting):
             apart[one.function] = one
     return tuple(apart.values())
 
