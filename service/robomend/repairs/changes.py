@@ -311,7 +311,7 @@ class Changes:
         state: Robot,
         waiting: WaitingChange,
         due: tuple[VariantChange, ...],
-        in_doubt: Collection[str],
+        in_doubt: frozenset[str],
     ) -> tuple[VariantChange, ...]:
         """Look what became of the change that waits for a yes; return what else is due."""
         signals, asked = waiting.signals, {(one.function, one.target) for one in waiting.changes}
@@ -356,7 +356,7 @@ class Changes:
         parts: ComponentModel,
         decision: Decision,
         due: tuple[VariantChange, ...],
-        in_doubt: Collection[str],
+        in_doubt: frozenset[str],
     ) -> float:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, parts, decision, due)
@@ -656,7 +656,7 @@ class Changes:
 
 
 def _apart(
-    parts: ComponentModel, due: Sequence[VariantChange], in_doubt: Collection[str], steps: Iterable[Step] = ()
+    parts: ComponentModel, due: Sequence[VariantChange], in_doubt: frozenset[str], steps: Iterable[Step] = ()
 ) -> tuple[VariantChange, ...]:
     """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
     model's arrows: what is seen of that, `in_doubt`, is its doing.
