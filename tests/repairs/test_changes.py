@@ -512,7 +512,10 @@ async def test_a_repair_waits_until_the_next_variant_is_active_where_the_first_o
         assert rover.active["localisation"] == "none"
 
 
-async def test_a_fault_while_a_repair_acts_on_something_else_is_bridged_beside_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("supply", ["of its own", "of all"])
+async def test_a_fault_while_a_repair_acts_on_something_else_is_bridged_beside_it(
+    tmp_path: Path, supply: str
+) -> None:
     config: dict[str, Any] = {
         "policy": "auto",
         "model": "cart",
@@ -525,6 +528,12 @@ async def test_a_fault_while_a_repair_acts_on_something_else_is_bridged_beside_i
         "effect_timeout_s": 300.0,
     }  # nobody sees that it acted
     model = CART.replace("wheels: {publishes", "extra: {publishes: {beep: []}}\n  wheels: {publishes")
+    if supply == "of all":
+        model = re.sub("(channel: [34])", r"\1, fed_by: [battery]", model).replace(
+            "extra: {", "extra: {drives: [horn], "
+        )
+        fed = "battery: {channel: 2}, horn: {channel: 5, fed_by: [battery]}"
+        model = model.replace("hardware: {", f"hardware: {{{fed}, ")
     async with service(tmp_path) as runtime:
         await runtime.robots.models.put("cart", model, format=None, expected=None, by="test")
         await runtime.robots.put_robot("r1", {**CONFIG, **config}, expected=None, by="test")

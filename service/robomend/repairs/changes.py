@@ -311,7 +311,7 @@ class Changes:
         state: Robot,
         waiting: WaitingChange,
         due: tuple[VariantChange, ...],
-        in_doubt: Collection[str],
+        in_doubt: frozenset[str],
     ) -> tuple[VariantChange, ...]:
         """Look what became of the change that waits for a yes; return what else is due."""
         signals, asked = waiting.signals, {(one.function, one.target) for one in waiting.changes}
@@ -356,7 +356,7 @@ class Changes:
         parts: ComponentModel,
         decision: Decision,
         due: tuple[VariantChange, ...],
-        in_doubt: Collection[str],
+        in_doubt: frozenset[str],
     ) -> float:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, parts, decision, due)
@@ -656,7 +656,7 @@ class Changes:
 
 
 def _apart(
-    parts: ComponentModel, due: Sequence[VariantChange], in_doubt: Collection[str], steps: Iterable[Step] = ()
+    parts: ComponentModel, due: Sequence[VariantChange], in_doubt: frozenset[str], steps: Iterable[Step] = ()
 ) -> tuple[VariantChange, ...]:
     """Return the changes that have nothing to do with what a repair acts on at present, by any way of the
     model's arrows: what is seen of that, `in_doubt`, is its doing.
@@ -668,10 +668,12 @@ def _apart(
     apart: dict[str, VariantChange] = {}
     for one in due:
         variants = [parts.functions[one.function].variants[name] for name in (one.source, one.target)]
-        names = planned.union(*(all_of(variant, parts) for variant in variants))
+        rests_on = frozenset[str]().union(*(all_of(variant, parts) for variant in variants))
+        # Not what a supply feeds besides: that has nothing to do with the variant.
+        shown = planned.union(rests_on & parts.nodes.keys(), *(variant.needs for variant in variants))
         needs = {need.function for variant in variants for need in needs_of(variant, parts)}
         waiting = {other.function for other in due} - apart.keys()
-        if put_out(parts, names).isdisjoint(in_doubt) and needs.isdisjoint(waiting):
+        if in_doubt.isdisjoint(rests_on | put_out(parts, shown)) and needs.isdisjoint(waiting):
             apart[one.function] = one
     return tuple(apart.values())
 
