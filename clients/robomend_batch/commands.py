@@ -15,7 +15,7 @@ COMMANDS: Table = {
     "report": ("robomend_batch.report_command:command", "Write results as one HTML file."),
     "compare": ("robomend_batch.compare:compare", "Group the logs by what they show."),
     "diff": ("robomend_batch.compare:diff", "Say where two folders of results differ."),
-    "priors": ("robomend_batch.priors_command:command", "Estimate a model's priors from confirmed faults."),
+    "priors": ("robomend_batch.priors:command", "Estimate a model's priors from confirmed faults."),
     "query": ("robomend_batch.query_command:command", "Answer SQL over results."),
 }
 
