@@ -13,9 +13,9 @@ COMMANDS: Table = {
     "run": ("robomend_batch.run_command:command", "Diagnose logs into a folder of results."),
     "learn": ("robomend_batch.learn_command:command", "Draft a model and observers from healthy logs."),
     "report": ("robomend_batch.report_command:command", "Write results as one HTML file."),
-    "compare": ("robomend_batch.compare_commands:compare", "Group the logs by what they show."),
-    "diff": ("robomend_batch.compare_commands:diff", "Say where two folders of results differ."),
-    "priors": ("robomend_batch.priors_command:command", "Estimate a model's priors from confirmed faults."),
+    "compare": ("robomend_batch.compare:compare", "Group the logs by what they show."),
+    "diff": ("robomend_batch.compare:diff", "Say where two folders of results differ."),
+    "priors": ("robomend_batch.priors:command", "Estimate a model's priors from confirmed faults."),
     "query": ("robomend_batch.query_command:command", "Answer SQL over results."),
 }
 

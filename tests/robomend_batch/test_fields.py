@@ -12,8 +12,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from robomend_batch.logs.columns import compile_column
-from robomend_batch.logs.fields import compile_field
+from robomend_batch.logs.fields import compile_column, compile_field
 from robomend_client.bridges.fields import MissingField, value_at
 from robomend_client.bridges.unpacking import EMPTY, NoField, unpacker
 

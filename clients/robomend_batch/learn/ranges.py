@@ -76,8 +76,8 @@ def learn_status(
     if levels.get(ERROR, 0) > 0:
         return f"{levels[ERROR]} errors in logs that should be healthy"
     # Two of one name in one message are one reading: the worst of them counts.
-    apart = [np.diff(np.unique(times)).astype(np.float64) for times, _ in heard]
-    gaps = np.concatenate(apart or [np.zeros(0)]) / SECOND
+    gaps_ns = [np.diff(np.unique(times)).astype(np.float64) for times, _ in heard]
+    gaps = np.concatenate(gaps_ns or [np.zeros(0)]) / SECOND
     if len(gaps) < LEAST_READINGS:
         return f"{len(gaps)} readings: too few"
     ranges, left_out = [], []

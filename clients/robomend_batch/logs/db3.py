@@ -201,23 +201,24 @@ class Db3:
         if not wanted:
             return
         begin_ns, end_ns = (self.start_ns or 0 if from_ns is None else from_ns), self.end_ns or 0
-        passed = begin_ns, -1  # time, row
+        passed: tuple[Any, ...] = begin_ns, -1  # time, row
         try:
             if self._rows is None:
                 kinds = {number: bytes if data else type(None) for number, data in wanted.items()}
                 try:
                     with closing(self._base.execute(self._query(wanted))) as rows:
-                        for time_ns, number, topic, body in rows:
+                        for row in rows:
+                            time_ns, _, topic, body = row
                             if type(body) is not kinds[topic] or type(time_ns) is not int:
                                 raise ValueError
                             if begin_ns <= time_ns <= end_ns:
-                                passed = time_ns, number
+                                passed = row
                                 yield time_ns, topic, body
                     return
                 except DAMAGE:
                     self._doubt(Notes() if from_ns is not None and passed[1] < 0 else self.notes)
             assert self._rows is not None
-            yield from self._rows.messages(wanted, passed)
+            yield from self._rows.messages(wanted, passed[:2])
         except DAMAGE as error:
             self.cut = f"damaged: {damage_of(error)}"
 

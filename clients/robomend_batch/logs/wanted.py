@@ -20,7 +20,7 @@ from robomend_client.observers.kinds import ObserverSpec
 from robomend_client.observers.recording import LOOKS
 
 if TYPE_CHECKING:
-    from robomend_batch.logs.columns import Column
+    from robomend_batch.logs.fields import Column
 
 WHOLE = {"diagnostics": ("diagnostics", "status"), "board": ("board_measurments", "channel")}
 """Sources that are more than times or a number: their topic, and the field that observers get, as the bridges
@@ -176,8 +176,7 @@ class Wants:
         return next((self._by_topic[name] for name in in_order if name in self._by_topic), None)
 
     def _extract(self, channel: Channel, field: str, source: str) -> Callable[[bytes], Any]:
-        from robomend_batch.logs.columns import compile_column
-        from robomend_batch.logs.fields import compile_field, plain, plain_cdr
+        from robomend_batch.logs.fields import compile_column, compile_field, plain, plain_cdr
 
         store = self._store(channel)
         name = channel.type_name
