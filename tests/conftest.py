@@ -26,6 +26,12 @@ settings.load_profile("robomend")
 
 NOWHERE = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as the tests run
 
+THEIRS = (
+    *("ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "CYCLONEDDS_URI"),
+    *("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP", "ROS_NAMESPACE"),
+)
+"""Where the robot is of whoever runs the tests, by their environment: those of the tests are elsewhere."""
+
 gc.disable()  # until all tests are collected, as `robomend serve` does while it loads
 
 
@@ -37,6 +43,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background, as a script does
         signal.signal(signal.SIGINT, signal.default_int_handler)  # or whatever tests start ignores Ctrl-C
+    for name in THEIRS:
+        os.environ.pop(name, None)
     if hasattr(config, "workerinput"):
         shared(config.workerinput["template"])
     config.addinivalue_line("markers", "long: another of the same kind; only --long runs it")

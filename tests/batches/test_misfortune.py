@@ -55,7 +55,7 @@ def uploads(folder: Path) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Logs that take some seconds together."""
-    return many_logs(tmp_path_factory.mktemp("many") / "logs")
+    return many_logs(tmp_path_factory.mktemp("many") / "logs", 4000)
 
 
 def one_long(many: Path) -> str:

@@ -71,8 +71,10 @@ DIAGNOSTICS: dict[str, tuple[list[Status], str, str, set[str]]] = {
 }
 
 
-@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
-@pytest.mark.parametrize("topic", ["/diagnostics", "/diagnostics_agg", "/robot1/diagnostics"])
+@pytest.mark.parametrize(
+    ("topic", "log"),
+    [("/diagnostics", "a.mcap"), ("/diagnostics_agg", "a.db3"), ("/robot1/diagnostics", "a.bag")],
+)
 def test_diagnostics_are_read_as_drivers_write_them(topic: str, log: str, tmp_path: Path) -> None:
     (tmp_path / "model.yaml").write_text(DEVICE)
     for number, (what, (said, rule, name, expected)) in enumerate(DIAGNOSTICS.items()):

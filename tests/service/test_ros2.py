@@ -42,7 +42,7 @@ def robot(over: str, folder: Path) -> Iterator[tuple[Ros2Robot | ZenohRobot, dic
             yield real, {"domain": real.domain, "discovery": "localhost"}
     else:
         with zenoh_robot(folder) as spoken:
-            yield spoken, {"connect": [spoken.endpoint], "domain": spoken.domain}
+            yield spoken, {"connect": [spoken.endpoint]}
 
 
 @pytest.mark.parametrize("over", ["ros2", "zenoh"])

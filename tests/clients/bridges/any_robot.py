@@ -45,5 +45,5 @@ def any_robot(origin: str, folder: Path) -> Iterator[AnyRobot]:
             yield AnyRobot(origin, new.node, section, new.nodes)
     else:
         with zenoh_robot(folder) as spoken:
-            section = {"connect": [spoken.endpoint], "domain": spoken.domain, "discovery_s": 0.5}
+            section = {"connect": [spoken.endpoint], "discovery_s": 0.5}
             yield AnyRobot(origin, spoken.node, section, spoken.nodes)

@@ -124,6 +124,5 @@ def listening(
     elif isinstance(robot, Ros2Robot):
         origin, folder, keys = "ros2", robot.folder, f"domain: {robot.domain}\ndiscovery: localhost"
     else:
-        origin, folder, keys = "zenoh", robot.folder, f"connect: ['{robot.endpoint}']"
-        keys += f"\ndomain: {robot.domain}\ndiscovery_s: 0.5"
+        origin, folder, keys = "zenoh", robot.folder, f"connect: ['{robot.endpoint}']\ndiscovery_s: 0.5"
     return hearing(folder, origin, f"{keys}\nname: robomend_test\n{more}\n", *sources)
