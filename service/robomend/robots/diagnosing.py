@@ -229,7 +229,7 @@ class Diagnosing:
     def _published(self, robot: Robot, current: Current) -> None:
         robot.is_diagnosed(current)
         self._set_expiry(robot)
-        if early := robot.sight.not_back_yet():
+        if not current.healthy and (early := robot.sight.not_back_yet()):
             left_s = (min(early.values()) - CLOCK.now_ns()) / 1e9
             self._later(robot, "not back", max(0.0, left_s) + 0.001, self.wake)
         for callback in self._callbacks:
@@ -251,9 +251,10 @@ def _stands(robot: Robot, answer: Diagnosed, sure: Diagnosed) -> Diagnosed:
     before = robot.current
     if not sure.healthy:
         return sure
-    same = before is not None and before.model_version == robot.model.version
-    held = before.answer if before is not None and same and not before.healthy else None
-    return answer if held is None or held.result is None else held
+    if before is None or before.healthy or before.answer is None or before.answer.result is None:
+        return answer
+    as_now = (robot.model.version, robot.expected_stopped)
+    return before.answer if (before.model_version, before.expected_stopped) == as_now else answer
 
 
 async def _debounce(robot: Robot) -> None:
