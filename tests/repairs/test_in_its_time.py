@@ -344,6 +344,7 @@ async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_st
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert (robot.done.count("stop_node(base_node)"), robot.done.count("start_node(base_node)")) == (1, 1)
+    assert "is back, and of the last plan nothing was done" in repair["reason"]
 
 
 async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boot_has_surely_booted(

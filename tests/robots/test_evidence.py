@@ -16,6 +16,7 @@ from robomend.robots.declared import Declaration, DeclaredAgents, Delays
 from robomend.robots.evidence import ENOUGH, Dating, RestsOn, SourceClocks, Twins
 from robomend.robots.sight import Sight
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading, Symptom
 
 S = 10**9
 NOW = 1000 * S
@@ -117,9 +118,9 @@ def test_a_topic_that_is_heard_again_is_not_looked_at_to_the_end_before_its_obse
     sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
     sight.declared = cast(Any, SimpleNamespace(delays=lambda atom, usual: Delays(6 * S // 10, 13 * S // 10)))
 
-    def looked(told_ms: int, since_ms: int) -> int:
-        ms = S // 1000
-        held.update([Entry(BAD, "general", told_ms * ms, None, since_ms * ms)])
+    def looked(told_ms: int, since_ms: int, symptom: Symptom | None = None) -> int:
+        ms, reading = S // 1000, Reading("bad", symptom=symptom)
+        held.update([Entry(BAD, "general", told_ms * ms, None, since_ms * ms, reading=reading)])
         return sight.looked_ns(OK.atom) // ms
 
     assert sight.looked_ns(OK.atom) == 0
@@ -128,6 +129,10 @@ def test_a_topic_that_is_heard_again_is_not_looked_at_to_the_end_before_its_obse
     assert looked(10_400, 9_700) < 10_200
     assert looked(11_500, 9_700) < 10_200
     assert looked(11_700, 9_700) == 11_700  # it had its time, and is at a wrong rate
+    # Of a rate that is too low it is the oldest sample of the window that moves on like that.
+    assert looked(12_400, 11_700, Symptom.SILENT) < 12_200
+    assert looked(12_400, 11_700, Symptom.SLOW) == 12_400
+    assert sight.turns_ns(OK.atom) == 0
 
 
 @pytest.mark.parametrize(

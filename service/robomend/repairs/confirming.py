@@ -220,6 +220,8 @@ class Confirming:
 
     def _not_ours(self, atom: Atom, rose_ns: int | None) -> str | None:
         sent_ns = self._acted.get(atom)
+        if not self._acted:
+            return f"{atom} is back, and of the last plan nothing was done"
         if sent_ns is None:
             return f"{atom} is back, and nothing that was done influences it"
         if rose_ns is None:

@@ -504,10 +504,12 @@ class Sight:
 
         Of silence `since` is the present less what was waited for, as much as detection takes. Once there are
         samples again it stands still, until the observer has settled: what is heard again is not known to be
-        bad. What is bad for longer is so by its samples, at a wrong rate, and as of the report.
+        bad. What is bad for longer, or is said to be in another way, is so by its samples, as of the report.
         """
         entry, delays = self._robot.obs.get(atom), self.declared.delays(atom, Delays(0, 0))
         if entry is None or entry.since_ns is None or not delays.detection_ns:
+            return 0
+        if entry.reading is not None and entry.reading.symptom not in {None, Symptom.SILENT}:
             return 0
         heard_ns = entry.since_ns + delays.detection_ns
         told_ns = entry.time_ns + max(0, self._clocks.lives_on_ns(entry.source))
