@@ -296,12 +296,12 @@ def attackers(url: str, keys: dict[str, str], clients: int, seed: int, over: thr
 
     def send(first: int) -> None:
         for hostile in itertools.cycle(wanted[first:] + wanted[:first]):
-            if over.is_set():
-                return
             status = _attack(url, keys, hostile)
             with lock:
                 answers[hostile.name][status] += 1
             answered.set()
+            if over.is_set():
+                return
 
     threads = [threading.Thread(target=send, args=(first % len(wanted),)) for first in range(clients)]
     for thread in threads:
