@@ -51,14 +51,17 @@ def begun(
     now: int,
     good: dict[Atom, tuple[int, ...]] | None = None,
     unseen: tuple[str, ...] = (),
+    own_s: int = 5,
 ) -> dict[Atom, int]:
-    """Ask of a driver of the scan, and the mapping that makes a map of it; starting takes 5 s."""
+    """Ask of a driver of the scan, and the mapping that makes a map of it; what rests on what they publish
+    may take 5 s to show that they have started.
+    """
     rests_on = {"driver": {"driver", "scan", "map"}, "mapping": {"mapping", "map"}}
     own = {"driver": {"scan"}, "mapping": {"map"}}
     return starting(
         known,
         began,
-        lambda _: 5 * S,
+        lambda _: (own_s * S, 5 * S),
         rests_on.__getitem__,
         own.__getitem__,
         lambda entry: (good or {}).get(entry.atom, ()),
@@ -78,6 +81,22 @@ def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> 
     assert begun([scan], began, end - 1) == {SCAN: end}
     assert begun([scan], began, end) == {}
     assert begun([bad(Atom("running", ("driver",)), time=12 * S)], began, 12 * S) == {}
+
+
+def test_its_own_topics_are_waited_for_as_long_as_they_take_and_not_for_those_behind_them() -> None:
+    scan, map_ = (bad(atom, time=12 * S, onset=8 * S) for atom in (SCAN, MAP))
+    assert begun([scan, map_], {"driver": 10 * S}, 12 * S, own_s=3) == {SCAN: 13 * S, MAP: 15 * S}
+    assert begun([scan, map_], {"driver": 10 * S}, 13 * S, own_s=3) == {MAP: 15 * S}
+
+
+def test_of_a_driver_that_nobody_observes_what_came_up_after_it_shows_that_it_is_up() -> None:
+    def silent(good: tuple[int, ...]) -> bool:
+        map_ = bad(MAP, time=13 * S, onset=12 * S)
+        return MAP in begun([map_], {"driver": 10 * S}, 13 * S, {MAP: good})
+
+    assert not silent((11 * S,))
+    assert silent((9 * S,))
+    assert silent(())
 
 
 def test_what_was_heard_since_it_began_is_not_silent_because_it_starts() -> None:

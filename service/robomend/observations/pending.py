@@ -264,7 +264,7 @@ def pending(
 def starting(
     known: Collection[Entry],
     began_ns: Mapping[str, int],
-    start_up_ns: Callable[[str], int],
+    start_up_ns: Callable[[str], tuple[int, int]],
     influences: Callable[[str], Collection[str]],
     publishes: Callable[[str], Collection[str]],
     good_ns: Callable[[Entry], Collection[int]],
@@ -276,7 +276,8 @@ def starting(
     Args:
         known: what is observed; what does not hold of it are the symptoms.
         began_ns: component -> since when it is on, or runs.
-        start_up_ns: component -> how long it may take from then until what is said of it shows that.
+        start_up_ns: component -> how long it may take from then until what is said of its own topics shows
+            that, and until what is said of what rests on them does.
         influences: component -> the names of what rests on it.
         publishes: component -> the topics that are its own, or its drivers'.
         good_ns: what is known -> times since when it is known to have held all along, until it fell if it
@@ -287,8 +288,8 @@ def starting(
     symptoms = [entry for entry in known if not entry.positive]
     found: dict[Atom, int] = {}
     for component, began in began_ns.items():
-        end = began + start_up_ns(component)
-        if end <= now_ns:
+        own_ns, theirs_ns = start_up_ns(component)
+        if began + max(own_ns, theirs_ns) <= now_ns:
             continue
         names, own = frozenset(influences(component)), frozenset(publishes(component))
         theirs = [entry for entry in known if own.intersection(entry.atom.args)]
@@ -297,8 +298,12 @@ def starting(
             atom = entry.atom
             if not names.intersection(atom.args) or component in atom.args:
                 continue
+            if not theirs and component not in unseen:  # nobody observes it: what rests on it shows it
+                up_ns = min((rose for rose in good_ns(entry) if rose > began + GUARD_NS), default=None)
             if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns:
-                found[atom] = max(end, found.get(atom, 0))
+                end = began + (theirs_ns if own.isdisjoint(atom.args) else own_ns)
+                if end > now_ns:
+                    found[atom] = max(end, found.get(atom, 0))
     return found
 
 

@@ -190,7 +190,7 @@ class Calm:
         if parts is not None:
             facts = [e for e in said if e.positive and e.atom.predicate in OBSERVED_FACTS]
             began = {e.atom: began_ns for e in facts if (began_ns := self._began_ns(e)) is not None}
-            until = {atom: since + self._may_take_ns(atom.args[0], since) for atom, since in began.items()}
+            until = {a: since + max(self._may_take_ns(a.args[0], since)) for a, since in began.items()}
             young = {atom: since for atom, since in began.items() if until[atom] > now_ns}
             since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
             found |= starting(
@@ -261,22 +261,22 @@ class Calm:
         left = ((atom, sight.may_be_late_s((atom,))) for atom in sight.lapsed())
         return {atom: now_ns + round(late_s * 1e9) for atom, late_s in left if late_s > 0}
 
-    def _may_take_ns(self, name: str, began_ns: int) -> int:
-        """Return how long what began then may need until it shows."""
+    def _may_take_ns(self, name: str, began_ns: int) -> tuple[int, int]:
+        """Return how long what began then may need until its own topics show it, and what rests on them."""
         parts, sight = self._state.system.parts, self._state.sight
         usual_ns = round(self._start_up_s(name) * 1e9) + SLACK_NS
         if parts is None or name not in parts.nodes:
-            return usual_ns
+            return usual_ns, usual_ns
         node = parts.nodes[name]
         known_ns = sight.start_ups.after_our_start_ns(node, began_ns, parts, sight)
         if known_ns is not None:  # what rests on it is judged anew after that
             names = touched(parts, [name]) - published(parts, [name])
             bad = (e.atom for e in self._state.obs.entries() if not e.positive and names & set(e.atom.args))
             anew_ns = max((sight.delays(atom).settling_ns for atom in bad), default=0)
-            return known_ns + (anew_ns + SLACK_NS if anew_ns else 0)
-        if "effect_timeout_s" in self._state.config.actions.get("start_node", {}):
-            return usual_ns
-        return max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
+            return known_ns, known_ns + (anew_ns + SLACK_NS if anew_ns else 0)
+        if "effect_timeout_s" not in self._state.config.actions.get("start_node", {}):
+            usual_ns = max(usual_ns, sight.start_ups.at_boot_ns(node, began_ns, parts, sight))
+        return usual_ns, usual_ns
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first, where it is due to the
