@@ -261,6 +261,11 @@ class DrilledRobot:
             looked = time.monotonic()
         raise AssertionError(f"waited {timeout_s} s; the drill is {seen}")
 
+    def holds(self, literal: str) -> bool:
+        """Return whether this is observed."""
+        with self.client as client:
+            return literal in {one["literal"] for one in client.observations("r1")["observations"]}
+
     def ended(self, drill: str) -> dict[str, Any]:
         return self.drill(drill, lambda one: one["finished_ns"] is not None)
 

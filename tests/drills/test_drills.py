@@ -119,6 +119,8 @@ def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(ro
     try:
         drill = robot.start_drill("channel-short", "base", bound_s=300.0, detect_s=200.0)
         robot.in_state(drill["id"], "planted")
+        # Its driver holds a dead connection from then on: who looks for health later must know that.
+        until(lambda: robot.holds("not ok(odom)"), "its odometry is silent")
         robot.kill("service")
         assert robot.board_faults()
         robot.start_service()
