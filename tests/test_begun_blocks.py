@@ -13,7 +13,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -25,7 +24,7 @@ from tests.block_commands import commands
 from tests.blocks import BLOCKS, ROOT, Block
 from tests.packages import KILTED, ROS1
 from tests.ros2 import ros2
-from tests.terminal import Terminal
+from tests.terminal import AFTER_CTRL_C, Terminal
 
 from robomend_bench.suite import DATA
 
@@ -46,8 +45,8 @@ RESULT = re.compile(
 )
 """What shows that a line does what it is for."""
 
-INTERRUPTED = (130, -signal.SIGINT, 0)
-"""Exit codes after Ctrl-C: told, by the signal itself, or it had just ended; pytest has 2."""
+INTERRUPTED = (*AFTER_CTRL_C, 0)
+"""Exit codes after Ctrl-C: or it had just ended; pytest has 2."""
 
 COMPLAINT = re.compile(r"^Traceback|^Error\b|\bFAILED\b|^E  ", re.MULTILINE)
 

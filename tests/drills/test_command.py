@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.drills.drilled_robot import DrilledRobot, drilled_robot
+from tests.terminal import AFTER_CTRL_C
 from tests.waiting import until
 
 from robomend.cli.commands import run
@@ -141,7 +142,7 @@ def test_ended_in_the_middle_the_command_leaves_nothing_planted(
             finally:
                 process.kill()
                 process.communicate()
-            assert code == (130 if how is signal.SIGINT else -signal.SIGKILL)
+            assert code in (AFTER_CTRL_C if how is signal.SIGINT else (-signal.SIGKILL,))
             ended = robot.ended(new()[0]["id"])
             assert ended["undone"]
             until(lambda: robot.halted() == [], "nothing is halted")

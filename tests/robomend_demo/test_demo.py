@@ -22,6 +22,7 @@ from tests.clients.service_double import eventually
 from tests.forked import popen
 from tests.once import made_once
 from tests.robomend_demo.playing import END_S, Playing, play, playing
+from tests.terminal import AFTER_CTRL_C
 
 DEVICES = {"jaguar", "hokuyo", "laser_alignment"}
 NODES = {
@@ -186,7 +187,7 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
         with playing(tmp_path / str(number), start=start) as demo:
             time.sleep(after_s)  # a random moment
             demo.process.send_signal(signal.SIGINT)
-            assert demo.process.wait(END_S) in {130, 0}, (after_s, demo.said())
+            assert demo.process.wait(END_S) in {*AFTER_CTRL_C, 0}, (after_s, demo.said())
             assert "Traceback" not in demo.said(), (after_s, demo.said())
             demo.nothing_is_left()
 
