@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
 
@@ -86,6 +88,23 @@ def test_a_resource_is_created_only_where_there_is_none(start: StartService) -> 
     assert service.api("PUT", "/robots/r", json={"model": "m"}, headers=new).status_code == 201
     again = service.api("PUT", "/robots/r", json={"model": "m"}, headers=new)
     assert (again.status_code, again.json()["code"]) == (412, "precondition-failed")
+
+
+def test_a_put_whose_answer_got_lost_is_asked_for_again_and_changes_nothing_more(start: StartService) -> None:
+    service = start()
+
+    def twice(path: str, body: Any, **headers: str) -> tuple[int, str]:
+        first, again = (service.api("PUT", path, json=body, headers=headers) for _ in range(2))
+        assert (again.status_code, again.json()) == (first.status_code, first.json())
+        return first.status_code, first.headers["etag"]
+
+    assert twice("/models/m", {"source": TEDUSAR})[0] == 201
+    created, etag = twice("/robots/r", {"model": "m"})
+    changed = {"model": "m", "policy": "observe"}
+    assert (created, twice("/robots/r", changed, **{"If-Match": etag})[0]) == (201, 200)
+    told = service.api("GET", "/audit", params={"robot": "r"}).json()["items"]
+    assert [one["action"] for one in told] == ["robot.put"] * 2
+    assert service.api("PUT", "/robots/r", json={"model": "m"}, headers={"If-Match": etag}).status_code == 412
 
 
 @pytest.mark.parametrize("tag", ['W/"x"', '"x", "y"', "x", '"*"', ""])

@@ -18,7 +18,7 @@ from robomend.planning.problem import MEND, repair_problem
 from robomend.planning.static_facts import Env, StaticFacts
 from robomend.robots.configuration import RobotConfig, covered, uncovered
 from robomend.robots.readers import Readers
-from robomend.store import Transaction, records, robots
+from robomend.store import Transaction, robots
 from robomend.store.records import AuditEntry, Json
 from robomend.yielding import Turns
 from robomend_client.events import Kind
@@ -29,13 +29,12 @@ def put(
     tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""
 ) -> None:
     """Create or replace a robot."""
-    created = expected in (None, records.ABSENT)
-    before = None if created else robots.get(tx, robot).config
-    kept = config if before is None else uncovered(config, before)
-    stored = robots.put(tx, robot, kept, expected=expected)
-    if before is None:
-        uncovered(config, {})  # refuses a covered secret, after it is known that the robot is new
-    what = "created" if created else "updated"
+    known = robots.find(tx, robot)
+    before = None if known is None else known.config
+    stored = robots.put(tx, robot, uncovered(config, before or {}), expected=expected)
+    if known is not None and stored.etag == known.etag:
+        return
+    what = "created" if before is None else "updated"
     tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
     tx.note(
         AuditEntry(

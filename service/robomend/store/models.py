@@ -45,8 +45,8 @@ def put(
     `expected`: see `check_seen` (transaction.py).
     """
     current = _locked(tx, name)
-    check_seen(f"model {name!r}", expected, current.version if current else None)
     digest = hashlib.sha256(f"{checked(format)}\n{checked(source)}".encode()).hexdigest()[:20]
+    check_seen(f"model {name!r}", expected, current.version if current else None, wanted=digest)
     if current is not None and current.version == digest:
         return current
     number = current.number + 1 if current else 1

@@ -49,6 +49,12 @@ def get(view: View, robot: str) -> StoredRobot:
     return _robot(view.one(select(_ROBOTS).where(_ROBOTS.c.id == checked(robot)), f"robot {robot!r}"))
 
 
+def find(view: View, robot: str) -> StoredRobot | None:
+    """Return a robot's configuration, if there is one."""
+    row = view.first(select(_ROBOTS).where(_ROBOTS.c.id == checked(robot)))
+    return None if row is None else _robot(row)
+
+
 def page(view: View, paging: Paging = FIRST_PAGE, *, model: str | None = None) -> Page[StoredRobot]:
     """Return the robots by id, all or those that follow one model."""
     query = select(_ROBOTS)
@@ -72,11 +78,11 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> S
     """
     state = tx.state(checked(robot))
     row = tx.first(select(_ROBOTS).where(_ROBOTS.c.id == robot).with_for_update())
-    check_seen(f"robot {robot!r}", expected, row.etag if row else None)
+    tag = etag(config)
+    check_seen(f"robot {robot!r}", expected, row.etag if row else None, wanted=tag)
     model = config.get("model")
     if model is not None and not isinstance(model, str):
         raise InputError(f"a robot's model is a name, not {model!r}")
-    tag = etag(config)
     if row is not None and row.etag == tag:
         return _robot(row)
     made = StoredRobot(robot, config, tag, row.created_ns if row else tx.now_ns, tx.now_ns)

@@ -215,11 +215,12 @@ class Transaction(View):
             self.connection.exec_driver_sql("RELEASE SAVEPOINT change")
 
 
-def check_seen(what: str, expected: str | None, current: str | None) -> None:
+def check_seen(what: str, expected: str | None, current: str | None, *, wanted: str | None = None) -> None:
     """Compare the ETag that the writer of a model or robot has seen, `expected`, with the current one.
 
     None is "it must not exist yet" in both. ABSENT says the same, as `If-None-Match: *` does; ANY says
-    "whichever".
+    "whichever". What is `wanted` already, is so (RFC 9110, 13.1.1): it is asked for again, as the answer of
+    the first time got lost.
 
     Raises:
         PreconditionRequired: `expected` is None, and it exists.
@@ -228,6 +229,8 @@ def check_seen(what: str, expected: str | None, current: str | None) -> None:
     if current is None:
         if expected not in (None, ABSENT):
             raise PreconditionFailed(f"{what} does not exist; leave If-Match out to create it")
+    elif expected != ABSENT and current == wanted:
+        return
     elif expected is None:
         raise PreconditionRequired(f"{what} exists; send its ETag as If-Match to replace it")
     elif expected == ABSENT:
