@@ -108,8 +108,8 @@ def test_a_condition_that_flaps_ends_with_the_safer_variant(dwell_s: float, peri
         water.visibility = 3.5
         water.decide(601)
         state = water.decide(610).states["altitude"]
-        why = "holds medium: a change for the better had to be undone soon, 2 times within the hour"
-        assert state.held == why
+        why = "a change for the better had to be undone soon, 2 times within the hour"
+        assert state.held == f"high is admissible again, and not changed to: {why}"
         assert [change.target for change in water.decide(2 * 3600).changes] == ["high"]
 
 
@@ -154,7 +154,10 @@ def test_what_flaps_slowly_ends_with_the_safer_variant_by_the_bound_of_an_hour()
     water.visibility = 3.5
     water.decide(3500)
     state = water.decide(3505).states["altitude"]
-    assert state.held == "holds medium: 5 changes within the hour, and at most 6 are made"
+    assert (
+        state.held
+        == "high is admissible again, and not changed to: 5 changes within the hour, and at most 6 are made"
+    )
     assert [change.target for change in water.decide(2 * 3600).changes] == ["high"]
 
 
@@ -239,7 +242,8 @@ def test_a_fault_that_comes_and_goes_ends_with_the_safer_variant_until_it_is_gon
     water.diagnoses = [set()]
     water.decide(600)
     held = water.decide(601).states["altitude"].held
-    assert held == "holds low for 4 s: what it needs was broken again soon, 1 time within the hour"
+    why = "what it needs was broken again soon, 1 time within the hour"
+    assert held == f"high is admissible again, and not changed to for 4 s: {why}"
     water.decide(606)
     assert water.active == "high"
 

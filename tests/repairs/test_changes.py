@@ -753,7 +753,7 @@ async def test_a_way_back_that_is_forbidden_is_said_everywhere_and_taken_once_it
         await permit(False)
         rover.visibility = 4.0
 
-        said = f"high is admissible again, as visibility rose to 4, at least 3.25; not changed to: {why}"
+        said = f"high is admissible again, as visibility rose to 4, at least 3.25, and not changed to: {why}"
 
         async def held() -> bool:
             found = (await shown("/api/v1/robots/r1/functions"))["functions"]
@@ -761,6 +761,8 @@ async def test_a_way_back_that_is_forbidden_is_said_everywhere_and_taken_once_it
             return (one["active"], one["goal"], one["held"]) == ("medium", "high", said)
 
         await until(held, said)
+        headline, begin = (await shown("/api/v1/robots/r1"))["headline"], in_prose(why.partition(":")[0])
+        assert re.search(rf"; altitude works by medium since [0-9:]+, as {re.escape(begin)}", headline)
         assert planned == ["medium"]
         rover.visibility = 4.25  # what is measured is no news to the record
         await rover.settled()

@@ -392,14 +392,15 @@ class Keeper:
             if now_ns < ready_ns:
                 wake_ns = ready_ns if wake_ns is None else min(wake_ns, ready_ns)
                 if again and not state.waits:
-                    held = f"holds {active} for {(ready_ns - now_ns) / 1e9:.0f} s: {why}"
+                    left_s = (ready_ns - now_ns) / 1e9
+                    held = f"{better} is admissible again, and not changed to for {left_s:.0f} s: {why}"
                     state = replace(state, held=held, waits=(better, why))
                 continue
             measured = met(conditions.get((function.name, better)), known)
-            held = f"{better} is admissible again{measured and f', as {measured}'}; not changed to: {why}"
+            held = f"{better} is admissible again{measured and f', as {measured}'}, and not changed to: {why}"
             if not standings[better].aside:
                 why, until_ns = self._bounded(function, better, now_ns)
-                held = f"holds {active}: {why}"
+                held = f"{better} is admissible again, and not changed to: {why}"
                 if not why or (leaves_it and not any(standings[one].fine for one in below)):
                     return replace(state, target=better), wake_ns
             if not state.waits:

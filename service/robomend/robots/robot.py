@@ -499,7 +499,8 @@ class Robot:
                 continue
             aside = {variant: standing for variant, standing in last.standings.items() if standing.aside}
             standings = {**state.standings, **aside}
-            states[name] = replace(state, target=last.target, held=last.held, standings=standings)
+            held, waits = last.held, last.waits
+            states[name] = replace(state, target=last.target, held=held, waits=waits, standings=standings)
         return states
 
     # --- OBS ⊕ o
