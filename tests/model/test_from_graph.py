@@ -193,7 +193,7 @@ def test_the_bounds_are_those_of_the_plain_rule(rate_hz: float, gap_s: float) ->
     topic = Ear([*before.stamps, *(t + round((30 + gap_s) * SECOND) for t in before.stamps)]).heard()
     found = steady(topic, topic.last_ns)
     assert isinstance(found, SteadyTopic)
-    assert found.silence_s == pytest.approx(max(1, 10 / topic.rate_hz, 3 * topic.longest_s))
+    assert found.silence_s == pytest.approx(max(2, 10 / topic.rate_hz, 3 * topic.longest_s))
     assert found.tolerance_hz >= 0.4 * topic.rate_hz * 0.999
     Rate(found.rate_hz, found.tolerance_hz, found.window, found.silence_s, settle=found.settle)
 

@@ -92,7 +92,9 @@ WINDOW_S, LEAST_WINDOW = 3.0, 10
 VERDICT_S = 2.5
 """So much of a topic a first verdict rests on, and no less than an interval."""
 
-SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 1.0, 10, 3
+SILENCE_S, SILENCE_INTERVALS, SILENCE_GAPS = 2.0, 10, 3
+"""Reliable delivery keeps back what follows a lost message until that was sent again: a good second."""
+
 LONGEST_SILENCE_S = 60.0
 IRREGULAR = 100.0
 """Usual intervals that silence may last, and LONGEST_SILENCE_S: what bursts more is not watched."""
