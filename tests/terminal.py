@@ -33,7 +33,7 @@ MEANT_TO_STAY = re.compile(r"pytest-of-|robomend-tests-.*\.lock")
 """What tests leave in the folder for temporary files: to be looked at afterwards."""
 
 AFTER_CTRL_C = (130, -signal.SIGINT)
-"""Exit codes that a shell shows as 130. `python -m` has the second where Ctrl-C came inside an `exec` of text,
+"""Exit codes that a shell shows as 130. `python -m` has the second if Ctrl-C came inside an `exec` of text,
 as data classes are made by: the interpreter then ends itself by the signal, whatever the program returned."""
 
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b\][^\x07]*\x07|\r")
