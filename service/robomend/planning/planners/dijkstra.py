@@ -56,7 +56,7 @@ def dijkstra(part: Part, *, deadline: float | None, work: Work = UNBOUNDED) -> P
         if state in settled:
             continue
         if part.goal <= state:
-            return PartAnswer(Outcome.SOLVED, without_redundant(part, _path(paths, state)), cheapest=True)
+            return PartAnswer(Outcome.SOLVED, without_redundant(part, _path(paths, state)))
         settled.add(state)
         if len(settled) > MAX_STATES or (deadline is not None and processor_s() > deadline):
             return PartAnswer(Outcome.GAVE_UP)
