@@ -511,7 +511,6 @@ class LiveRepair:
             choice,
             execution,
             memory,
-            self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
             undid=undid,

@@ -15,8 +15,8 @@ from robomend.planning.influence import put_out
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS
-from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
-from robomend.planning.tried import Attempt, Patience, attempt
+from robomend.planning.quarantine import Patience, Quarantined, came_back, quarantined, relapses, unlasting
+from robomend.planning.tried import MEMORY_S, Attempt, attempt
 from robomend.repairs.execution_values import Ending, Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
@@ -72,7 +72,7 @@ def remembered(
             one for one in unlasting((one for one, _ in own), again) if one.helped or one.time_ns >= since_ns
         ),
         tuple(dict.fromkeys([*aside, *back])),
-        useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9)), open_repair=open_),
+        useless_of(useless, since_ns=max(since_ns, now - int(MEMORY_S * 1e9)), open_repair=open_),
         attempts.counted(view, robot, now - HOUR_NS),
         surely_broken(records, repair),
         again,
@@ -140,7 +140,6 @@ def judged(
     choice: Choice,
     execution: Execution,
     memory: Remembered,
-    patience: Patience,
     *,
     helped: bool,
     by_itself: str | None = None,
@@ -181,7 +180,7 @@ def judged(
     if by_itself is not None:
         return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
     kept = replace(tried, helped=helped)  # it brought back what it was for, whatever else it did
-    left_alone = quarantined([*memory.tried, kept], now_ns=now, patience=patience)
+    left_alone = quarantined([*memory.tried, kept], now_ns=now)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
 
