@@ -6,7 +6,7 @@ of a row is which conflicts apply to it, and many rows share that:
     rows ──► distinct rows ──► which conflicts apply (numpy) ──► distinct sets of conflicts ──► diagnoses
                                                                   each put together of its parts
 
-This needs all minimal conflicts of the sensors beforehand (sensor_conflicts.py): their minimal hitting sets
+This needs all minimal conflicts of the sensors beforehand (all_conflicts): their minimal hitting sets
 are the diagnoses (Reiter 1987), and no solver is asked. Where they cannot be listed (circuits, fault modes,
 rules that are not Horn, too many) each distinct row is a question to the engine.
 
@@ -30,7 +30,7 @@ from robomend.diagnosis.conflicts import Reasons
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.derivations import Derivations
 from robomend.diagnosis.engines import DEFAULT, make_engine
-from robomend.diagnosis.masks import bits, mask_of
+from robomend.diagnosis.masks import bits, mask_of, minimal_masks
 from robomend.diagnosis.observed import check_options
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import FEW, IndependentPart, independent, list_diagnoses, minimal
@@ -106,16 +106,7 @@ def all_conflicts(cnf: HealthCnf, sensors: Sequence[int]) -> list[SensorConflict
         found += [one | fails for one in labels.of.get(variable, ())]
     if len(found) > MAX_CONFLICTS:
         raise TooManyConflicts
-    return [SensorConflict(one & healthy, one >> shift) for one in minimal_sets(found)]
-
-
-def minimal_sets(masks: Iterable[int]) -> list[int]:
-    """Return the masks without those that contain another."""
-    kept: list[int] = []
-    for mask in sorted(set(masks), key=int.bit_count):
-        if not any(smaller & mask == smaller for smaller in kept):
-            kept.append(mask)
-    return kept
+    return [SensorConflict(one & healthy, one >> shift) for one in minimal_masks(found)]
 
 
 def containment(masks: Sequence[int]) -> NDArray[np.float32]:
@@ -162,16 +153,16 @@ class _Labels:
                 label = self.of.get(variable, ())
                 if len(derived) * len(label) > MAX_ENVIRONMENTS:
                     raise TooManyConflicts
-                derived = minimal_sets([one | other for one in derived for other in label])
+                derived = minimal_masks([one | other for one in derived for other in label])
             if head:
                 if self._add(head, derived):
                     waiting.update(dict.fromkeys(self._users.get(head, ())))
             else:
-                self.contradictions = minimal_sets([*self.contradictions, *derived])
+                self.contradictions = minimal_masks([*self.contradictions, *derived])
 
     def _add(self, variable: int, derived: list[int]) -> bool:
         before = self.of.get(variable, [])
-        after = minimal_sets([*before, *derived])
+        after = minimal_masks([*before, *derived])
         if after == before or set(after) == set(before):
             return False
         self._size += len(after) - len(before)
@@ -504,7 +495,7 @@ class Library:
         if known is None:
             masks = [self._columns[place][0] for place in places]
             if self._contained is None:
-                masks = sorted(minimal_sets(masks))
+                masks = sorted(minimal_masks(masks))
             answer: Answer | None
             if masks and not masks[0]:
                 answer = self._contradiction(self._columns[places[0]][1])

@@ -27,7 +27,7 @@ from math import prod
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.guided import CheapestHittingSets
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes, no_more_conflicts
-from robomend.diagnosis.masks import bits, classes_of, members
+from robomend.diagnosis.masks import bits, classes_of, members, minimal_masks
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Row, SearchState
@@ -79,14 +79,7 @@ def independent(conflicts: Sequence[int]) -> list[list[int]]:
 def minimal(conflicts: Sequence[int]) -> list[int]:
     """Return the conflicts without those that contain another; of many, those that differ."""
     once = list(dict.fromkeys(conflicts))
-    if not 1 < len(once) <= FEW:
-        return once
-    once.sort(key=int.bit_count)
-    kept: list[int] = []
-    for conflict in once:
-        if not any(smaller & conflict == smaller for smaller in kept):
-            kept.append(conflict)
-    return kept
+    return minimal_masks(once) if 1 < len(once) <= FEW else once
 
 
 class IndependentPart:
