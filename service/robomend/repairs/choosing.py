@@ -116,8 +116,9 @@ class Chooser:
     def patience_with(self, state: Robot) -> Patience:
         """Return the patience with repairs of this robot that do not last."""
         # Whoever allows many actions an hour means to mend what breaks often: a restart takes two.
-        allowed = state.config.limits.attempts_per_hour // 4
-        soon_s = DEFAULT_PATIENCE.relapse_s + self.policy(state).hold_s  # it is not looked at before
+        policy = self.policy(state)
+        allowed = policy.limits.attempts_per_hour // 4
+        soon_s = DEFAULT_PATIENCE.relapse_s + policy.hold_s  # it is not looked at before
         return Patience(max(DEFAULT_PATIENCE.relapses, allowed), soon_s)
 
     async def remembered(

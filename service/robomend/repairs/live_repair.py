@@ -100,7 +100,7 @@ class LiveRepair:
         self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)
         # A crash does not give a repair new rounds, but it may always finish.
         acts.influences = self._confirming.acted
-        self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
+        self.rounds = max(1, chooser.policy(state).limits.rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
