@@ -221,7 +221,7 @@ class Ros2Bridge(RosBridge):
         """
         for topic, wanted in self._topics.items():
             node.subscribe(topic, self._hearing(topic, wanted, node.unheard, deliver))
-        self._node = node
+        self._node, self._deliver = node, deliver
         works = [work] if self._parts is not None else [work, self.read_on()]
         if self._watches_nodes:
             works.append(self._tables(look, untold, node.unheard, deliver))
