@@ -407,7 +407,7 @@ class Library:
         Args:
             codes: see there.
         """
-        rows, row_of = _distinct(codes.reshape(-1, self.words))
+        rows, row_of = distinct(codes.reshape(-1, self.words))
         if self._engine is not None:
             asked = tuple([self._asked(self._engine, tuple(row)) for row in rows.tolist()])
             return RowAnswers(row_of, asked, (None,) * len(asked))
@@ -613,8 +613,8 @@ class Library:
             self._engine.close()
 
 
-def _distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
-    """Return the different rows, and which of them each row is."""
+def distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
+    """Return the different rows in the order of their bits, and which of them each row is."""
     if rows.shape[1] == 1:  # many times as fast as rows of one word
         found, of = np.unique(rows[:, 0], return_inverse=True)
         return found.reshape(-1, 1), of.reshape(-1)
