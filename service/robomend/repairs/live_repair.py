@@ -26,7 +26,7 @@ from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NAMED, Silent, named
 from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
+from robomend.repairs.execution_values import OWN_S, Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.foresight import doubts
 from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
@@ -48,10 +48,6 @@ NEWS_S = 0.05
 """How often repeated news, which wakes nobody, are looked at."""
 
 BETWEEN_ROUNDS = frozenset({RepairState.WAITING, RepairState.PLANNING, RepairState.VERIFYING})
-
-OWN_S = 30.0
-"""What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
-to begin."""
 
 
 MOST_ANEW = 5
