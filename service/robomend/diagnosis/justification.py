@@ -32,7 +32,7 @@ from robomend.diagnosis.derivations import Derivation
 from robomend.diagnosis.masks import bits, mask_of, members, minimal_masks, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import Oracle, OutOfTime
-from robomend.diagnosis.parts import FEW
+from robomend.diagnosis.parts import COMPARED_CONFLICTS
 from robomend.diagnosis.search import SearchState
 
 if TYPE_CHECKING:
@@ -293,7 +293,7 @@ class Justification:
                 self.whole = len(masks) <= self._most
                 masks = masks[: self._most]
                 self.complete = self.whole or not self._lacking(self._masks[:JUSTIFIED], masks)
-            elif len(masks) <= FEW:
+            elif len(masks) <= COMPARED_CONFLICTS:
                 self.whole = len(masks) < 2 or len(minimal_masks(masks)) == len(masks)
             else:
                 masks = self._chosen(masks)

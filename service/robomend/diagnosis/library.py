@@ -33,7 +33,7 @@ from robomend.diagnosis.engines import DEFAULT, make_engine
 from robomend.diagnosis.masks import bits, mask_of, minimal_masks
 from robomend.diagnosis.observed import check_options
 from robomend.diagnosis.oracle import Deadline, OutOfTime
-from robomend.diagnosis.parts import FEW, IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.parts import MULTIPLIED_OUT, IndependentPart, independent, list_diagnoses, minimal
 from robomend.diagnosis.ranking import rank, size_then_odds
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Factor, Options, StoppedBy
 from robomend.diagnosis.search import (
@@ -358,7 +358,7 @@ class Library:
         self._contained: NDArray[np.float32] | None = None
         if len(columns) <= COMPARED:
             self._contained = containment([components for components, _ in self._columns])
-        few = FEW if options.limit is None else min(FEW, options.limit)
+        few = MULTIPLIED_OUT if options.limit is None else min(MULTIPLIED_OUT, options.limit)
         short = not options.factored and options.max_size is None
         self._products = Products(cnf.components, few if short else 0)
 
