@@ -10,7 +10,7 @@ from typing import Any
 from robomend.entry import Entry
 from robomend.model.components import Node
 from robomend.planning.choice import Choice
-from robomend.planning.cures import Tried, curing, once
+from robomend.planning.cures import ActOutcome, curing, once
 from robomend.planning.influence import put_out
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
@@ -38,9 +38,7 @@ class Remembered:
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
-    outcomes: tuple[
-        Tried, ...
-    ] = ()  # of acts on one component alone, in earlier repairs, the fleet's as well
+    outcomes: tuple[ActOutcome, ...] = ()  # of earlier repairs of one component alone, the fleet's as well
     reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
     all: tuple[Attempt, ...] = ()  # whoever is credited with them, the newest first
 
@@ -85,14 +83,14 @@ def remembered(
 
 def outcomes(
     tried: Iterable[StoredAttempt], repair: StoredRepair | None, *, fleet: bool = False
-) -> tuple[Tried, ...]:
+) -> tuple[ActOutcome, ...]:
     """Return what came of acts that were carried out on one component alone, in repairs that have ended.
 
     What came back by itself says nothing of them.
     """
     now = repair.id if repair is not None and repair.open else None
     return tuple(
-        Tried(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "", fleet)
+        ActOutcome(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "", fleet)
         for one in tried
         if len(one.bad) == 1
         and one.repair != now
