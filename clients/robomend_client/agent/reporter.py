@@ -3,7 +3,7 @@ is away.
 
 Every literal goes out with its evidence and a lifetime, so that what a dead agent said last becomes unknown
 instead of staying true; the heartbeat says all of it again in time, with the present evidence. While the
-service is away changes go to the disk (outbox/) and heartbeats are not worth keeping; when it is back the
+service is away changes go to the disk (outbox.py) and heartbeats are not worth keeping; when it is back the
 past is replayed in order, and a heartbeat with the present follows at once.
 
 What the service wanted to be judged anew, and is bad still, is said more often for a while: a repair waits
@@ -25,7 +25,7 @@ from typing import Any
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.python310 import timeout
 from robomend_client.readings import Reading
 from robomend_client.rest.retry import Retry
@@ -47,7 +47,7 @@ class VerdictReporter:
 
     def __init__(
         self,
-        outbox: AsyncOutbox,
+        outbox: Outbox,
         source: str,
         heartbeat_s: float,
         lifetime_s: float,
