@@ -15,10 +15,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent / "robomend_client"
 
-MADE = {
-    PACKAGE / "rest" / "sync.py": PACKAGE / "rest" / "asynchronous.py",
-    PACKAGE / "outbox" / "sync.py": PACKAGE / "outbox" / "asynchronous.py",
-}
+MADE = {PACKAGE / "rest" / "sync.py": PACKAGE / "rest" / "asynchronous.py"}
 """What is made from what."""
 
 WORDS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -17,6 +18,35 @@ PLACES = re.findall(r"^\| (.+?) \| `(.+?)` \| `(.+?)` \|$", PAGE, re.MULTILINE)
 def test_every_file_that_the_page_names_is_there() -> None:
     named = set(re.findall(r"`((?:[\w.]+/)+[\w.]*|[\w.-]+\.(?:py|yaml|toml|md))`", PAGE))
     assert {name for name in named if not (ROOT / name).exists()} == set()
+
+
+PRODUCT = ("service", "clients", "board_emulator")
+SOURCE = re.compile(r"(?<![\w./-])(?:[a-z_0-9]+/)*[a-z_0-9]+\.py\b(?!:)")
+"""A source file as docs name it, with as much of its path as it takes. `horn.py:Horn` is a user's."""
+
+OF_USERS = re.compile(r"my_|pulse\.py|battery\.py")
+"""What the pages let their readers write."""
+
+
+def test_every_source_file_that_a_page_or_a_module_names_is_there() -> None:
+    pages = {
+        page: re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for page in (ROOT / "docs").glob("*.md")
+    }
+    inline = {page: " ".join(re.findall(r"`[^`\n]+`", text)) for page, text in pages.items()}
+    modules = [module for place in PRODUCT for module in (ROOT / place).rglob("*.py")]
+    docs = {module: ast.get_docstring(ast.parse(module.read_text())) or "" for module in modules}
+    there = {
+        f"/{file.relative_to(ROOT)}"
+        for place in (*PRODUCT, "tests", "docs", "examples")
+        for file in (ROOT / place).rglob("*.py")
+    }
+    assert [
+        f"{file.relative_to(ROOT)}: {name}"
+        for file, text in {**inline, **docs}.items()
+        for name in SOURCE.findall(text)
+        if not OF_USERS.match(name) and not any(known.endswith(f"/{name}") for known in there)
+    ] == []
 
 
 @pytest.mark.parametrize(("thing", "begin", "docs"), PLACES, ids=[thing for thing, _, _ in PLACES])

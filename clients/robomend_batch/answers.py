@@ -9,7 +9,7 @@ from typing import Literal as OneOf
 import numpy as np
 from numpy.typing import NDArray
 
-from robomend.diagnosis.library import SENSORS_A_WORD, Codes, Library
+from robomend.diagnosis.library import SENSORS_A_WORD, Codes, Library, distinct
 from robomend.diagnosis.library import Answer as LibraryAnswer
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine
@@ -260,15 +260,6 @@ def smallest(conflicts: Iterable[Names]) -> tuple[Names, ...]:
     """Return the conflicts that contain no other one, in the order of their names."""
     found = sorted(set(conflicts))
     return tuple(one for one in found if not any(set(other) < set(one) for other in found))
-
-
-def distinct(codes: Codes) -> tuple[Codes, NDArray[np.intp]]:
-    """Return the different rows, and which of them each row is; in the order of their bits."""
-    if codes.shape[1] == 1:
-        found, of = np.unique(codes[:, 0], return_inverse=True)
-        return found.reshape(-1, 1), of.reshape(-1)
-    found, of = np.unique(codes, axis=0, return_inverse=True)
-    return found, of.reshape(-1)
 
 
 def widened(codes: Codes, words: int) -> Codes:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robomend.diagnosis.library import SENSORS_A_WORD, Codes
-from robomend_batch.answers import NOTHING, Answers, Told, distinct, widened
+from robomend.diagnosis.library import SENSORS_A_WORD, Codes, distinct
+from robomend_batch.answers import NOTHING, Answers, Told, widened
 from robomend_batch.track import Stretch, Times
 from robomend_client.literals import Atom
 

@@ -163,20 +163,13 @@ class DiagnosisProblem:
 
     def lp(self) -> str:
         """Return the text of an .lp file, without a comment."""
+        from robomend.diagnosis.asp import facts_of
+
         n = len(self.cnf.components)
         variables = max(n, max((abs(literal) for clause in self.hard for literal in clause), default=0))
-        lines = [f"component(1..{n})."] if n else []
-        lines += [f"variable(1..{variables})."] if variables else []
-        for index, clause in enumerate(self.hard):
-            facts = [f"clause({index})."]
-            facts += [
-                f"positive({index},{literal})." if literal > 0 else f"negative({index},{-literal})."
-                for literal in clause
-            ]
-            lines.append("".join(facts))
         encoding = resource("encodings", "diagnosis.lp").read_text()
         base, minimum, _ = encoding.split("#program ")
-        return "\n".join([*lines, base, minimum.partition("\n")[2]])
+        return "\n".join([facts_of(n, variables, self.hard), base, minimum.partition("\n")[2]])
 
     def answer(self) -> KnownAnswer | None:
         """Return the minimum cardinality and a diagnosis of it, as components by number."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 OK = 0
-"""The result of an action that did what its name says. Every other integer is a failure; see FAILURES."""
+"""The result of an action that did what its name says. Every other integer is a failure."""
 
 FAILED = 1
 REFUSED = 2  # by policy, allow-list or protection, or by who should act (a faulty channel): it did not act
@@ -22,17 +22,6 @@ CANCELLED = 5
 UNDONE_BEFORE = 6  # of a drill's undo: nothing of it is there (any more)
 NOT_EXECUTABLE = 126  # as a shell says: the program may not be executed
 NO_PROGRAM = 127  # … there is no such program
-
-FAILURES = {
-    FAILED: "failed",
-    REFUSED: "refused",
-    TIMED_OUT: "timed out",
-    UNREACHABLE: "unreachable",
-    CANCELLED: "cancelled",
-    UNDONE_BEFORE: "undone before",
-    NOT_EXECUTABLE: "not executable",
-    NO_PROGRAM: "no such program",
-}
 
 
 BY_COMPONENT = frozenset({"plant_fault", "undo_fault"})

@@ -9,10 +9,9 @@ it is deleted. When more than `max_bytes` are waiting, the head moves past the o
 dropped: a service that comes back wants the newest truth.
 
 Crashes: a record is in the kernel when `append` returns, so that the death of this process loses nothing; it
-is on the disk (fsync) at the latest `sync_s` later if appends go on, or when `sync` is called, so that a
-power cut loses no more than that. `sync_s=0` waits for the disk each time. A torn tail, or a line whose
-checksum is wrong, is skipped and counted. A crash between sending and taking sends a record twice: give each
-an Idempotency-Key.
+is on the disk (fsync) at the latest a second later if appends go on, or when `sync` is called, so that a
+power cut loses no more than that. A torn tail, or a line whose checksum is wrong, is skipped and counted. A
+crash between sending and taking sends a record twice: give each an Idempotency-Key.
 """
 
 from __future__ import annotations
@@ -23,12 +22,13 @@ import os
 import time
 import zlib
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 SEGMENTS = 8
 """The bound is kept exactly for what waits; the disk may hold one segment, 1/8 of it, more."""
+
+SYNC_S = 1.0
 
 
 class BufferInUse(Exception):
@@ -42,9 +42,6 @@ class DiskBuffer:
         self,
         directory: Path | str,
         max_bytes: int = 16 * 1024 * 1024,
-        *,
-        sync_s: float = 1.0,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if max_bytes < 1024:
             raise ValueError(f"max_bytes is {max_bytes}; a buffer needs 1024 at least")
@@ -53,8 +50,6 @@ class DiskBuffer:
         self.max_bytes = max_bytes
         self.dropped = 0  # since the buffer was made; survives restarts
         self.corrupt = 0  # records skipped when this object was opened
-        self._sync_s = sync_s
-        self._clock = clock
         self._lock = self._take_lock()
         self._waiting: deque[tuple[int, int, int]] = deque()  # segment, offset, length; oldest first
         self._bytes = 0
@@ -91,10 +86,10 @@ class DiskBuffer:
         self._waiting.append((self._segment, offset, len(line)))
         self._bytes += len(line)
         self._write_head_if_moved()
-        now = self._clock()
+        now = time.monotonic()
         if self._unsynced_since is None:
             self._unsynced_since = now
-        if now - self._unsynced_since >= self._sync_s:
+        if now - self._unsynced_since >= SYNC_S:
             self.sync()
 
     def peek(self) -> dict[str, Any] | None:

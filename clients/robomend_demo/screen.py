@@ -156,7 +156,6 @@ class Lines:
     def __init__(self) -> None:
         self._zero_ns = time.time_ns()
         self._told = ""
-        self._acts: dict[str, str] = {}
 
     def __enter__(self) -> Lines:
         return self

@@ -55,13 +55,8 @@ class InputError(RobomendError):
     code = "bad-input"
 
 
-class ModelError(InputError):
-    """A system description at fault, with its place: file, line (from 1) and what is allowed.
-
-    `str(error)` reads `tedusar.yaml:12: channel 7 is used twice (jaguar, hokuyo); give each its own`.
-    """
-
-    code = "bad-model"
+class _WithPlace(Exception):
+    """At fault is a line of a file."""
 
     def __init__(self, message: str, file: str | None = None, line: int | None = None) -> None:
         super().__init__(message, file, line)
@@ -72,6 +67,15 @@ class ModelError(InputError):
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
         return f"{place}: {self.message}" if place else self.message
+
+
+class ModelError(_WithPlace, InputError):
+    """A system description at fault, with its place: file, line (from 1) and what is allowed.
+
+    `str(error)` reads `tedusar.yaml:12: channel 7 is used twice (jaguar, hokuyo); give each its own`.
+    """
+
+    code = "bad-model"
 
 
 class UnknownComponent(ModelError):
@@ -123,20 +127,10 @@ class ObservationError(InputError):
         return f"{self.sentence!r}, position {self.position}: {self.message}"
 
 
-class DomainError(InputError):
+class DomainError(_WithPlace, InputError):
     """A PDDL domain, or the user's part of it, at fault; line from 1."""
 
     code = "bad-domain"
-
-    def __init__(self, message: str, file: str | None = None, line: int | None = None) -> None:
-        super().__init__(message, file, line)
-        self.message = message
-        self.file = file
-        self.line = line
-
-    def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
-        return f"{place}: {self.message}" if place else self.message
 
 
 class MalformedJson(InputError):

@@ -14,9 +14,10 @@ RULES is the policy. A route that is not in it is refused to everyone, so a new 
 tests/api/test_roles.py walks every route × role.
 
 To add a route: 1. its function in a module of robomend/api/routers/ (a new module is included in
-robomend/api/app.py); 2. its line in RULES; 3. its docstring, whose first
-paragraph is its row in the reference (docs/reference.py); 4. where robots and programs are to
-call it, a method of robomend_client/rest/asynchronous.py (the one for threads is made of it).
+robomend/api/app.py), its body and answer as models of robomend/api/schemas/; 2. its line in RULES; 3. its
+docstring, whose first paragraph is its row in the reference (docs/reference.py); 4. where robots and programs
+are to call it, a method of robomend_client/rest/asynchronous.py (the one for threads is made of it), and
+its answer in robomend_client/rest/types.py.
 """
 
 from __future__ import annotations

@@ -51,7 +51,3 @@ class OwnSilence:
     def excused_s(self, now_s: float, waited_s: float) -> float:
         """Return how much of its silence was no fault of its own."""
         return min(max(0.0, waited_s - self._waited_s), now_s - self._heard_s, AT_MOST_S)
-
-    def lasts_s(self, now_s: float, waited_s: float) -> float:
-        """Return how long it has been silent by its own doing."""
-        return now_s - self._heard_s - self.excused_s(now_s, waited_s)

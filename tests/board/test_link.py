@@ -67,13 +67,12 @@ async def test_commands_of_many_callers_are_queued_and_each_gets_its_answer() ->
 
 
 async def test_a_reader_that_lags_misses_the_oldest_and_gets_the_newest() -> None:
-    seen: list[Snapshot] = []
-    async with emulated() as emulator, link_to(emulator.port, on_snapshot=seen.append) as link:
+    async with emulated() as emulator, link_to(emulator.port) as link:
         await link.wait_connected(END_S)
-        lagging = link.measurements()
+        lagging, prompt = link.measurements(), link.measurements()
         await anext(lagging)
-        seen.clear()
-        await until(lambda: len(seen) > 100)
+        for _ in range(100):
+            await anext(prompt)
         await link.close()
         rest = [snapshot async for snapshot in lagging]
         assert 0 < len(rest) <= 64

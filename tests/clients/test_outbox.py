@@ -11,8 +11,8 @@ import pytest
 from tests.clients.service_double import ServiceDouble, service_double
 
 from robomend_client.buffer import DiskBuffer
-from robomend_client.outbox import AsyncOutbox, Outbox
-from robomend_client.rest import NEVER, AsyncClient, Client
+from robomend_client.outbox import Outbox
+from robomend_client.rest import NEVER, AsyncClient
 
 Steps = Callable[[Callable[..., Any]], None]
 
@@ -23,30 +23,21 @@ def service() -> Iterator[ServiceDouble]:
         yield double
 
 
-@pytest.fixture(params=["sync", "asyncio"])
-def outbox(
-    request: pytest.FixtureRequest, service: ServiceDouble, tmp_path: Path
-) -> Callable[[Steps], DiskBuffer]:
+@pytest.fixture
+def outbox(service: ServiceDouble, tmp_path: Path) -> Callable[[Steps], DiskBuffer]:
     """Run `steps` with a function that calls a method of the outbox; return its buffer."""
 
-    def sync(steps: Steps) -> DiskBuffer:
-        with Client(service.url, timeout_s=2, retry=NEVER) as client:
-            box = Outbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
-            steps(lambda name, *arguments, **options: getattr(box, name)(*arguments, **options))
-            box.buffer.close()
-            return box.buffer
-
-    def asynchronous(steps: Steps) -> DiskBuffer:
+    def run(steps: Steps) -> DiskBuffer:
         loop = asyncio.new_event_loop()
         client = AsyncClient(service.url, timeout_s=2, retry=NEVER)
-        box = AsyncOutbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
+        box = Outbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
         steps(lambda name, *args, **options: loop.run_until_complete(getattr(box, name)(*args, **options)))
         loop.run_until_complete(client.close())
         loop.close()
         box.buffer.close()
         return box.buffer
 
-    return sync if request.param == "sync" else asynchronous
+    return run
 
 
 def said(service: ServiceDouble) -> list[str]:

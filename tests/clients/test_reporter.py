@@ -18,7 +18,7 @@ from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.python310 import timeout
 from robomend_client.rest import AsyncClient
 
@@ -69,7 +69,7 @@ def reporting(
         buffer = DiskBuffer(tmp_path)
         async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
             seen = Seen()
-            outbox = AsyncOutbox(client, "r", buffer)
+            outbox = Outbox(client, "r", buffer)
             seen.reporter = VerdictReporter(
                 outbox, "agent", heartbeat_s, 1, lambda: list(seen.standing.values())
             )
@@ -184,7 +184,7 @@ def heartbeats(
     tmp_path: Path,
     clock: WallClock,
     answer: Callable[[int], httpx.Response],
-    test: Callable[[AsyncOutbox, list[int]], Awaitable[None]],
+    test: Callable[[Outbox, list[int]], Awaitable[None]],
 ) -> None:
     """Run a reporter that has one thing to say beside `test`, which sees the stamps that the service gets."""
     stamped: list[int] = []
@@ -196,7 +196,7 @@ def heartbeats(
     async def run() -> None:
         buffer = DiskBuffer(tmp_path)
         async with AsyncClient("http://service", transport=httpx.MockTransport(got)) as client:
-            outbox = AsyncOutbox(client, "r", buffer)
+            outbox = Outbox(client, "r", buffer)
             reporter = VerdictReporter(outbox, "agent", 0.02, 1, lambda: [Verdict(Literal(SCAN), 0)])
             reporter.report([good(SCAN, clock.ns)])
             task = asyncio.create_task(reporter.run())
@@ -222,7 +222,7 @@ def test_stamps_that_the_service_refuses_follow_the_computers_clock_and_the_firs
         ahead = time_ns > right_ns + HOUR_NS // 60
         return httpx.Response(422 if ahead else 200, json={"code": "bad-input"} if ahead else {"revision": 1})
 
-    async def test(outbox: AsyncOutbox, stamped: list[int]) -> None:
+    async def test(outbox: Outbox, stamped: list[int]) -> None:
         await until(lambda: outbox.refused > 2)
         clock.ns -= HOUR_NS
         await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)
@@ -238,7 +238,7 @@ def test_a_sentence_that_the_service_does_not_keep_does_not_set_the_stamps_back(
     clock = WallClock(monkeypatch)
     refused = {"sentence": "ok(scan)", "message": "the model does not declare it"}
 
-    async def test(outbox: AsyncOutbox, stamped: list[int]) -> None:
+    async def test(outbox: Outbox, stamped: list[int]) -> None:
         await until(lambda: len(stamped) > 2)
         clock.ns -= HOUR_NS
         more = len(stamped) + 5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.diagnosis.ranking import likelihood, works_in_part
+from robomend.diagnosis.ranking import likelihoods, works_in_part
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.observations.language import parse
@@ -30,7 +30,7 @@ def read(system: System, sentences: str) -> list[Literal]:
 
 
 def fit(system: System, sentences: str, *bad: str) -> float:
-    return likelihood(system.cnf, read(system, sentences), bad)
+    return likelihoods(system.cnf, read(system, sentences), [bad])[0]
 
 
 def test_what_works_speaks_against_whoever_would_have_silenced_it() -> None:

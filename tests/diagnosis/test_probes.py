@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
+from robomend.diagnosis import probes
 from robomend.diagnosis.probes import Prober, ProbeResult, Value, information
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, StoppedBy
 from robomend.errors import OptionRefused
@@ -76,33 +77,24 @@ def test_with_one_diagnosis_or_none_there_is_nothing_to_tell_apart(
     assert reason in (found.reason or "")
 
 
+@pytest.mark.parametrize("bound", ["MAX_POINTS", "MAX_DIAGNOSES"])
+def test_that_more_was_not_considered_is_told(monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
+    assert next_probes(LASER, SILENT, BOTH).complete
+    monkeypatch.setattr(probes, bound, 1)
+    assert not next_probes(LASER, SILENT, BOTH).complete
+
+
 def test_bounds_are_felt_and_told() -> None:
     prober = Prober(LASER)
-    assert not prober.probes(SILENT, BOTH, max_points=1).complete
-    assert not prober.probes(SILENT, BOTH, max_diagnoses=1).complete
     late = prober.probes(SILENT, BOTH, timeout_s=0)
     assert not late.complete
     assert late.probes == ()
     assert "more time" in (late.reason or "")
     with pytest.raises(OptionRefused, match="limit is 0"):
         prober.probes(SILENT, BOTH, limit=0)
-    for batch in (0, 99):
-        with pytest.raises(OptionRefused, match="choose 1 to 8"):
-            prober.probes(SILENT, BOTH, batch=batch)
     with pytest.raises(OptionRefused, match=r"timeout_s is -1\.0"):
         prober.probes(SILENT, BOTH, timeout_s=-1.0)
     prober.close()
-
-
-def test_a_batch_takes_what_the_ones_before_it_do_not_tell() -> None:
-    # a1 … a3 read the same of c1 against the rest, a4 tells c2 from c3
-    cnf = model(3, [(-1, 4), (1, -4), (-1, 5), (1, -5), (-2, 7), (2, -7)], atoms=4)
-    prober = Prober(cnf)
-    found = prober.probes([], answer(cnf, ("c1",), ("c2",), ("c3",)), batch=3)
-    prober.close()
-    assert len(found.batch) == 2
-    assert {probe.atom.args[0] for probe in found.batch} & {"a4"}
-    assert found.batch_gain_bits == pytest.approx(log2(3))
 
 
 def test_what_follows_only_case_by_case_is_predicted_too() -> None:

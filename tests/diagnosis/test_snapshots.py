@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from pysat.solvers import Solver
 from tests.diagnosis.systems import brute_force, model, systems
 
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.explanations import explain_diagnoses
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
@@ -64,6 +66,19 @@ def test_conflicts_say_what_was_seen_and_healthy_suspects_are_cleared() -> None:
     assert {conflict.components for conflict in result.conflicts} == {("c1", "c2"), ("c1", "c3")}
     assert set(result.cleared) == {"c2", "c3"}
     assert result.diagnoses[0].resolves == (0, 1)
+    assert explain_diagnoses(result.diagnoses, result.conflicts)[0] == "c1 explains not ok(a1) and not ok(a2)"
+
+
+def test_what_is_supposed_healthy_is_named_in_a_conflict_as_of_one_snapshot() -> None:
+    dark = frozenset({holds("ok", "a3"), fails("ok", "a1"), fails("ok", "a2")})
+    options = Options(healthy=frozenset({"c2"}))
+    engine = make_engine("sat", TWO_LAMPS)
+    one = engine.diagnose(dark, options)
+    engine.close()
+    together = diagnose_snapshots(TWO_LAMPS, [dark], options)
+    assert {(c.components, c.text, c.unmet) for c in together.conflicts} == {
+        (c.components, c.text, c.unmet) for c in one.conflicts
+    }
 
 
 @settings(deadline=None)

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from robomend.errors import ObservationError
-from robomend.model.vocabulary import for_robot
+from robomend.model.compiling import vocabulary_of
+from robomend.model.components import ComponentModel, Hardware, Node, Value
 from robomend_client.literals import Atom, Literal, fails, holds
 
-ROBOT = for_robot(
-    components={("hardware", "on"): ("base", "lamp"), ("nodes", "running"): ("driver",)},
-    switchable=("base",),
-    topics=("odom",),
-    properties=("temperature",),
-    values=("yaw", "turn"),
+ROBOT = replace(
+    vocabulary_of(
+        ComponentModel(
+            "robot",
+            {"base": Hardware("base", 1), "lamp": Hardware("lamp", None)},
+            {"driver": Node("driver", publishes={"odom": ()})},
+            {},
+            properties=("temperature",),
+            values={name: Value(name, "odom", name) for name in ("yaw", "turn")},
+        )
+    ),
     atoms=frozenset({Atom("raining"), Atom("note", ("x",))}),
 )
 

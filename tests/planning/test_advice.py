@@ -40,7 +40,7 @@ def test_probes_become_looks_in_the_order_of_the_candidates() -> None:
     plan = plan_for(TEDUSAR, MUTE, ["jaguar"])
     candidates = [Candidate(Diagnosis((name,)), plan) for name in ("jaguar_node", "jaguar", "rviz")]
     probe = Probe(Atom("ok", ("current(jaguar)",)), 1.0, 2.0, if_true=(1,), if_false=(0,))
-    found = ProbeResult((("jaguar",), ("jaguar_node",)), (probe,), (), 0.0, 1.0, True)
+    found = ProbeResult((("jaguar",), ("jaguar_node",)), (probe,), 1.0, True)
     (look,) = looks(found, candidates)
     assert look.predicted == (True, False, None)
     assert look.cost == 2.0

@@ -11,10 +11,18 @@ from hypothesis import strategies as st
 from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.choice import SURE, Candidate, Look, choose, common_part
+from robomend.planning.choice import ASK_COST, PERSON_COST, SURE, Candidate, Look, choose, common_part
 from robomend.planning.plan import Outcome, Plan, Step
-from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
-from robomend.planning.tried import Attempt, Patience, attempt, weights
+from robomend.planning.quarantine import (
+    DEFAULT_PATIENCE,
+    Patience,
+    Quarantined,
+    came_back,
+    quarantined,
+    relapses,
+    unlasting,
+)
+from robomend.planning.tried import Attempt, attempt, weights
 from robomend_client.literals import Atom, fails, holds
 
 
@@ -51,7 +59,7 @@ def test_what_was_done_in_vain_is_not_repeated_where_that_costs_more_than_it_sav
     assert choose([driver], vain[:2]).plan is driver.plan
     nothing = choose([device, driver], vain[:2])
     helps = next(one.helps for one in nothing.alternatives if one.diagnosis.bad == ("driver",))
-    assert helps < driver.plan.cost / Patience().person_cost
+    assert helps < driver.plan.cost / PERSON_COST
     assert nothing.plan is None
     assert nothing.reason == (
         "probably imu itself: a person is needed; "
@@ -82,8 +90,8 @@ def test_a_cheap_look_that_tells_diagnoses_apart_comes_before_a_dear_repair() ->
 def test_when_every_repair_failed_a_person_must_come() -> None:
     """4 for the repair of a; with 0.25 it is b, which nothing repairs."""
     hopeless = Candidate(Diagnosis(("b",), 0.25), plan(0, unreachable=("b: no known action",)))
-    choice = choose([candidate("a", 4, 0.75), hopeless], patience=Patience(person_cost=100))
-    assert choice.expected_cost == 4 + 0.25 * 100
+    choice = choose([candidate("a", 4, 0.75), hopeless])
+    assert choice.expected_cost == 4 + 0.25 * PERSON_COST
 
 
 def test_a_repair_that_covers_two_diagnoses_leaves_neither_to_pay_for() -> None:
@@ -122,7 +130,7 @@ def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:
 
 
 def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
-    patience = Patience(relapses=3, relapse_s=60, backoff_s=100)
+    patience = Patience(relapses=3, relapse_s=60)
 
     def aside(*mended_at_s: int, now_s: int, suspected: str = "a") -> dict[str, Quarantined]:
         names, now_ns = suspected.split(), now_s * SECOND
@@ -132,14 +140,14 @@ def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> N
 
     assert aside(0, 30, now_s=61) == {}
     third = aside(0, 30, 60, now_s=61)["a"]
-    assert (third.failures, third.until_ns) == (3, 160 * SECOND)
+    assert (third.failures, third.until_ns) == (3, 360 * SECOND)
     assert third.reason == "a: 3 repairs in a row helped, and soon it came back"
     assert aside(0, 30, 60, now_s=61, suspected="b") == {}
     assert aside(0, 30, 60, now_s=121) == {}  # the third has lasted
     assert aside(0, 30, 91, now_s=92) == {}  # as the second had
     # One more when the back-off is over: it does not last either, so that the time doubles.
-    assert aside(0, 30, 60, 165, now_s=166)["a"].until_ns == 365 * SECOND
-    assert aside(0, 30, 60, 300, now_s=301) == {}
+    assert aside(0, 30, 60, 365, now_s=366)["a"].until_ns == 965 * SECOND
+    assert aside(0, 30, 60, 500, now_s=501) == {}
 
 
 def test_half_a_minute_is_half_a_minute_after_a_quarantine_too() -> None:
@@ -168,21 +176,20 @@ def test_what_helped_and_did_not_last_is_no_cure() -> None:
 
 def test_power_is_not_cut_a_third_time_for_what_soon_comes_back() -> None:
     device = cutting("device", 29, 1.0)
-    assert choose([device], relapses=Patience().relapses - 2).plan is not None
-    nothing = choose([device], relapses=Patience().relapses - 1)
+    assert choose([device], relapses=DEFAULT_PATIENCE.relapses - 2).plan is not None
+    nothing = choose([device], relapses=DEFAULT_PATIENCE.relapses - 1)
     assert nothing.plan is None
     assert nothing.reason.endswith("; power is not cut again for what soon comes back")
     assert choose([device, candidate("driver", 4, 0.1)], relapses=9).diagnosis == Diagnosis(("driver",), 0.1)
 
 
 def test_three_failures_in_a_row_are_quarantined_with_doubling_back_off() -> None:
-    patience = Patience(attempts=3, backoff_s=100)
     failures = [tried("a", at_s=t) for t in (0, 10, 20)]
-    assert quarantined(failures[:2], now_ns=11 * SECOND, patience=patience) == {}
-    assert quarantined(failures, now_ns=21 * SECOND, patience=patience)["a"].until_ns == 120 * SECOND
-    assert quarantined(failures, now_ns=121 * SECOND, patience=patience) == {}
-    fourth = [*failures, tried("a", at_s=130)]
-    assert quarantined(fourth, now_ns=131 * SECOND, patience=patience)["a"].until_ns == 330 * SECOND
+    assert quarantined(failures[:2], now_ns=11 * SECOND) == {}
+    assert quarantined(failures, now_ns=21 * SECOND)["a"].until_ns == 320 * SECOND
+    assert quarantined(failures, now_ns=321 * SECOND) == {}
+    fourth = [*failures, tried("a", at_s=330)]
+    assert quarantined(fourth, now_ns=331 * SECOND)["a"].until_ns == 930 * SECOND
 
 
 def test_success_ends_a_series_of_failures() -> None:
@@ -267,23 +274,22 @@ def test_something_is_done_just_where_that_costs_less_than_to_ask_a_person_at_on
 ) -> None:
     """Against every order of every choice of the plans; what nothing repairs is the rest."""
     chances = [chance / 240 for chance, _, _ in cases]
-    patience = Patience()
     candidates = [
         replace(candidate(f"c{i}", cost, chances[i]), asks=asks) for i, (_, cost, asks) in enumerate(cases)
     ]
     rest = 1 - sum(chances)
     if rest > 0:
         candidates.append(hopeless("rest", rest))
-    costs = [cost + patience.ask_cost * asks for _, cost, asks in cases]
+    costs = [cost + ASK_COST * asks for _, cost, asks in cases]
     orders = (order for count in range(1, len(cases) + 1) for order in permutations(range(len(cases)), count))
     least = min(
-        expected_cost(order, chances, costs) + patience.person_cost * (1 - sum(chances[i] for i in order))
+        expected_cost(order, chances, costs) + PERSON_COST * (1 - sum(chances[i] for i in order))
         for order in orders
     )
-    choice = choose(candidates, patience=patience)
+    choice = choose(candidates)
     sure = any(one.helps >= SURE for one in choice.alternatives)
-    if sure or abs(least - patience.person_cost) > 1e-6:
-        assert (choice.plan is not None) is (sure or least < patience.person_cost)
+    if sure or abs(least - PERSON_COST) > 1e-6:
+        assert (choice.plan is not None) is (sure or least < PERSON_COST)
 
 
 def test_power_is_never_cycled_for_ever() -> None:

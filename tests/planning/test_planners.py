@@ -19,10 +19,9 @@ def counter(bits: int) -> Part:
     return Part(bits, tuple(actions), frozenset(), frozenset(range(bits)))
 
 
-def test_a_long_plan_that_ends_in_the_goal_and_nothing_else_is_found_and_cheapest() -> None:
+def test_a_long_plan_that_ends_in_the_goal_and_nothing_else_is_found() -> None:
     answer = AspPlanner().solve(counter(4), 60)
     assert answer.outcome is Outcome.SOLVED
-    assert answer.cheapest
     assert len(answer.actions) == 15
 
 

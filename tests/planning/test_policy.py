@@ -8,7 +8,7 @@ import pytest
 
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Step
-from robomend.planning.policy import Mode, Policy, Window
+from robomend.planning.policy import Limits, Mode, Policy, Window
 from robomend.robots.configuration import RobotConfig, policy_of
 from robomend_client.literals import Literal, fails, holds
 
@@ -78,7 +78,7 @@ def test_a_step_is_refused_for_a_reason_that_names_it(policy: Policy, taken: Ste
 def test_the_limit_holds_for_a_plan_as_a_whole(
     attempts: dict[str, int], steps: list[Step], refused: str | None
 ) -> None:
-    said = Policy(attempts_per_hour=3).plan_refusal(steps, attempts, COMPONENTS)
+    said = Policy(limits=Limits(attempts_per_hour=3)).plan_refusal(steps, attempts, COMPONENTS)
     assert (None if said is None else said.partition(":")[0]) == refused
 
 
@@ -156,8 +156,7 @@ def test_a_robot_s_configuration_becomes_its_policy() -> None:
         actions={"power_up": Mode.APPROVE},
         allowed=frozenset({"power_up"}),
         protected={"driver": "driver is protected", "lidar": "lidar is protected"},
-        attempts_per_hour=3,
-        rounds=2,
+        limits=Limits(attempts_per_hour=3, rounds=2),
         hold_s=2.5,
         windows=(Window(frozenset(range(7)), 720, 780),),
     )

@@ -12,7 +12,7 @@ from robomend.errors import ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.planning.advice import Situation
-from robomend.planning.cures import PRIOR_WEIGHT, SuccessRate, Tried, cured, curing, rates
+from robomend.planning.cures import PRIOR_WEIGHT, ActOutcome, SuccessRate, cured, curing, rates
 from robomend.planning.plan import Plan
 from robomend.planning.planning import PlanOptions, plans_at_once, plans_for
 
@@ -55,7 +55,7 @@ def test_the_fault_mode_decides_which_act_comes_first() -> None:
 def test_a_mode_that_says_what_another_one_says_is_not_known_nor_learned_of() -> None:
     alike = model(CAMERA.replace(', "not ok(log)"', ""))
     for told in ("soft", "hard"):
-        found = rates(alike, {"camera": told}, [Tried("camera", frozenset({"restart"}), False, "soft")])
+        found = rates(alike, {"camera": told}, [ActOutcome("camera", frozenset({"restart"}), False, "soft")])
         restart = found["restart", "camera"]
         assert restart.prior == pytest.approx(0.475)
         assert (restart.helped, restart.of) == (0, 1)
@@ -64,8 +64,8 @@ def test_a_mode_that_says_what_another_one_says_is_not_known_nor_learned_of() ->
 def test_outcomes_change_what_is_given_and_the_order_with_it() -> None:
     text = CAMERA.replace("{soft: 0.9, hard: 0.05}", "0.6").replace("{soft: 0.9, hard: 0.95}", "0.4")
     assert texts(planned(rates(model(text), {}, ()), text)) == ["stop_node(camera)", "start_node(camera)"]
-    vain = [Tried("camera", frozenset({"restart"}), False)] * 8
-    cure = [Tried("camera", frozenset({"redeploy"}), True)] * 8
+    vain = [ActOutcome("camera", frozenset({"restart"}), False)] * 8
+    cure = [ActOutcome("camera", frozenset({"redeploy"}), True)] * 8
     learned = rates(model(text), {}, [*vain, *cure])
     assert str(learned["restart", "camera"]) == "restart of camera 20% (60% given, 0 of 8 helped)"
     assert str(learned["redeploy", "camera"]) == "redeploy of camera 80% (40% given, 8 of 8 helped)"
@@ -74,12 +74,12 @@ def test_outcomes_change_what_is_given_and_the_order_with_it() -> None:
 
 def test_what_came_of_it_in_the_fleet_is_what_one_begins_with() -> None:
     text = CAMERA.replace("{soft: 0.9, hard: 0.05}", "0.6").replace("{soft: 0.9, hard: 0.95}", "0.4")
-    elsewhere = [Tried("camera", frozenset({"restart"}), helped < 7, fleet=True) for helped in range(20)]
-    own = [Tried("camera", frozenset({"restart"}), helped < 2) for helped in range(3)]
+    elsewhere = [ActOutcome("camera", frozenset({"restart"}), helped < 7, fleet=True) for helped in range(20)]
+    own = [ActOutcome("camera", frozenset({"restart"}), helped < 2) for helped in range(3)]
     rate = rates(model(text), {}, [*elsewhere, *own])["restart", "camera"]
     assert str(rate) == "restart of camera 51% (60% given, 7 of 20 helped in the fleet, 2 of 3 helped)"
     assert rate.mean == pytest.approx((4 * (4 * 0.6 + 7) / 24 + 2) / 7)
-    vain = [Tried("camera", frozenset({"restart"}), False, fleet=True)] * 8
+    vain = [ActOutcome("camera", frozenset({"restart"}), False, fleet=True)] * 8
     assert texts(planned(rates(model(text), {}, vain), text)) == ["redeploy(camera)"]
 
 
@@ -87,12 +87,14 @@ def test_where_nothing_is_given_a_few_outcomes_or_good_ones_change_nothing() -> 
     plain = CAMERA.replace(
         "    helps: {restart: {soft: 0.9, hard: 0.05}, redeploy: {soft: 0.9, hard: 0.95}}\n", ""
     )
-    good, vain = (Tried("camera", frozenset({"restart"}), helped) for helped in (True, False))
+    good, vain = (ActOutcome("camera", frozenset({"restart"}), helped) for helped in (True, False))
     assert ("restart", "camera") not in rates(model(plain), {}, [good] * 50)
     assert ("restart", "camera") not in rates(model(plain), {}, [vain] * 2)
     found = rates(model(plain), {}, [vain] * 2 + [good] * 2)["restart", "camera"]
     assert (found.given, found.mean) == (False, 0.75)
-    assert ("redeploy", "gone") not in rates(model(plain), {}, [Tried("gone", frozenset({"x"}), False)] * 9)
+    assert ("redeploy", "gone") not in rates(
+        model(plain), {}, [ActOutcome("gone", frozenset({"x"}), False)] * 9
+    )
 
 
 def test_a_power_cycle_has_a_rate_of_its_own() -> None:
@@ -104,7 +106,9 @@ def test_a_power_cycle_has_a_rate_of_its_own() -> None:
 
 
 def test_the_reason_says_why() -> None:
-    known = rates(model(), {"camera": "hard"}, [Tried("camera", frozenset({"redeploy"}), True, "hard")] * 2)
+    known = rates(
+        model(), {"camera": "hard"}, [ActOutcome("camera", frozenset({"redeploy"}), True, "hard")] * 2
+    )
     result = DiagnosisResult(
         model().components, (Diagnosis(("camera",), modes={"camera": "hard"}),), True, None, (), 0.0
     )

@@ -13,9 +13,15 @@ from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.cures import CURES, Cure
 from robomend.planning.planning import plan_for
+from robomend.planning.quarantine import BACKOFF_S, DEFAULT_PATIENCE, FAILURES, MAX_BACKOFF_S
 from robomend.planning.tried import (
+    AGAIN_FACTOR,
+    COMPONENT_ODDS,
+    LEADING,
+    MEMORY_S,
+    SEEN_FACTOR,
+    UNSEEN_FACTOR,
     Attempt,
-    Patience,
     attempt,
     leading,
     repaired_by,
@@ -27,16 +33,15 @@ from robomend_client.literals import fails
 
 def test_the_page_names_the_numbers() -> None:
     page = " ".join((Path(__file__).parents[2] / "docs" / "planning.md").read_text().split())
-    patience = Patience()
     numbers = {1: "One", 2: "Two", 3: "Three", 6: "six"}
-    assert f"For up to {numbers[patience.leading]} leading diagnoses" in page
-    assert f"{numbers[patience.attempts]} failures in a row put a component in quarantine" in page
-    assert f"for {patience.backoff_s / 60:g} minutes, doubled by each further failure, up to a day" in page
-    assert patience.max_backoff_s == 24 * 3600
-    assert f"allows actions ({patience.relapses})" in page
-    assert (patience.relapse_s, patience.memory_s) == (30, 3600)  # "within half a minute", "for an hour"
-    assert (patience.seen_factor, patience.unseen_factor) == (1 / 10, 1 / 2)  # "to a tenth", "to a half"
-    assert patience.again_factor == 1 / 2  # "each further time to a half"
+    assert f"For up to {numbers[LEADING]} leading diagnoses" in page
+    assert f"{numbers[FAILURES]} failures in a row put a component in quarantine" in page
+    assert f"for {BACKOFF_S / 60:g} minutes, doubled by each further failure, up to a day" in page
+    assert MAX_BACKOFF_S == 24 * 3600
+    assert f"allows actions ({DEFAULT_PATIENCE.relapses})" in page
+    assert (DEFAULT_PATIENCE.relapse_s, MEMORY_S) == (30, 3600)  # "within half a minute", "for an hour"
+    assert (SEEN_FACTOR, UNSEEN_FACTOR) == (1 / 10, 1 / 2)  # "to a tenth", "to a half"
+    assert AGAIN_FACTOR == 1 / 2  # "each further time to a half"
 
 
 def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:
@@ -52,8 +57,8 @@ def test_a_power_cycle_in_vain_says_half_as_much_against_a_device_as_it_would_cu
     diagnoses = [Diagnosis(("lidar",)), Diagnosis(("driver",)), Diagnosis(("other",))]
     cycle = replace(tried("lidar", repaired="lidar driver"), cycled=frozenset({"lidar"}))
     lidar, driver, other = weights(diagnoses, [cycle])
-    assert lidar / other == pytest.approx(1 - CURES[Cure.POWER_CYCLE] * (1 - Patience().seen_factor))
-    assert driver / other == pytest.approx(Patience().seen_factor)
+    assert lidar / other == pytest.approx(1 - CURES[Cure.POWER_CYCLE] * (1 - SEEN_FACTOR))
+    assert driver / other == pytest.approx(SEEN_FACTOR)
 
 
 def test_the_memory_of_a_power_cycle_names_what_it_was_to_cure_as_far_as_it_was_done() -> None:
@@ -72,7 +77,7 @@ def test_the_memory_of_a_power_cycle_names_what_it_was_to_cure_as_far_as_it_was_
 def test_an_attempt_counts_against_each_component_that_it_repaired_and_only_if_it_did_not_help() -> None:
     """A repair of a that restarted b made both good: what blames both now takes two restarts in vain."""
     diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c")), Diagnosis(("c", "d"))]
-    for seen, factor in ((True, Patience().seen_factor), (False, Patience().unseen_factor)):
+    for seen, factor in ((True, SEEN_FACTOR), (False, UNSEEN_FACTOR)):
         both, one, none = weights(diagnoses, [tried("a", repaired="a b", seen=seen)])
         assert (both / none, one / none) == pytest.approx((factor**2, factor))
     assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [1 / 3, 1 / 3, 1 / 3]
@@ -81,7 +86,7 @@ def test_an_attempt_counts_against_each_component_that_it_repaired_and_only_if_i
 def test_what_could_not_be_carried_out_counts_against_its_own_diagnosis_alone() -> None:
     diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c"))]
     own, other = weights(diagnoses, [replace(tried("a b", seen=False), repaired=frozenset())])
-    assert own / other == pytest.approx(Patience().unseen_factor)
+    assert own / other == pytest.approx(UNSEEN_FACTOR)
 
 
 def test_a_driver_that_was_restarted_in_vain_beside_another_is_not_restarted_with_the_others_device() -> None:
@@ -95,12 +100,11 @@ def test_a_driver_that_was_restarted_in_vain_beside_another_is_not_restarted_wit
 
 def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
     diagnoses = [Diagnosis(("a",)), Diagnosis(("b",))]
-    patience = Patience(memory_s=100)
-    at_the_end = weights(diagnoses, [tried("a")], now_ns=100 * SECOND, patience=patience)
-    assert at_the_end[0] < 0.5
-    assert weights(diagnoses, [tried("a")], now_ns=100 * SECOND + 1, patience=patience) == [0.5, 0.5]
-    for now_ns, failures in ((100 * SECOND, 1), (100 * SECOND + 1, 0)):
-        choice = choose([candidate("a", 4)], [tried("a")], now_ns=now_ns, patience=patience)
+    until_ns = int(MEMORY_S) * SECOND
+    assert weights(diagnoses, [tried("a")], now_ns=until_ns)[0] < 0.5
+    assert weights(diagnoses, [tried("a")], now_ns=until_ns + 1) == [0.5, 0.5]
+    for now_ns, failures in ((until_ns, 1), (until_ns + 1, 0)):
+        choice = choose([candidate("a", 4)], [tried("a")], now_ns=now_ns)
         assert choice.alternatives[0].failures == failures
 
 
@@ -118,7 +122,7 @@ def test_an_attempt_remembers_only_what_was_carried_out() -> None:
 
 
 def test_what_was_surely_broken_and_is_not_blamed_is_one_fault_more_at_its_odds() -> None:
-    odds = Patience().component_odds
+    odds = COMPONENT_ODDS
     diagnoses = [("driver", "task"), ("camera", "driver"), ("camera",)]
     assert unbroken_fits(diagnoses, {"driver", "task"}, {}) == pytest.approx([1.0, odds, odds**2])
     assert unbroken_fits(diagnoses, {"driver"}, {"driver": 0.2}) == pytest.approx([1.0, 1.0, 0.25])

@@ -12,7 +12,7 @@ import pytest
 from tests.repairs.robot import Robot, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
-from robomend.planning.tried import DEFAULT_PATIENCE
+from robomend.planning.quarantine import DEFAULT_PATIENCE
 from robomend.repairs import calm
 from robomend.repairs.account import account
 from robomend.repairs.choosing import Chooser

@@ -70,7 +70,6 @@ class LearnedDraft:
     logs: int
     learned_h: float
     held_back_h: float
-    meant_per_hour: float
     alarms: Mapping[str, int]  # entry -> false alarms over what was held back
     doubtful: tuple[str, ...]  # entries with more of them than was meant, or with any in their own logs
     problems: list[dict[str, object]]
@@ -134,7 +133,6 @@ def learn(
         len(found.names),
         learned_h,
         held_back_h,
-        per_hour,
         dict(alarms),
         tuple(entries.doubtful),
         found.problems.json(),

@@ -33,14 +33,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from robomend.model.from_graph import IRREGULAR, LEAST_SPAN_S, LONGEST_SILENCE_S
 from robomend_batch.learn.stretches import Times
 from robomend_batch.learn.tails import HEAVIEST, Bound, bound, largest_of_blocks, predicted, spread_above
 from robomend_client.observers.base import SECOND, ns
 from robomend_client.observers.rate import LEAST_SILENCE_S
 
 LEAST_MESSAGES = 60
-LEAST_SPAN_S = 1.0
-"""What came for less is one burst."""
 
 WINDOWS = (10, 20, 40, 80, 160, 320, 640)
 LONGEST_WINDOW_S = 60.0
@@ -70,10 +69,6 @@ HEAVIEST_PAUSES = 0.4
 factor whose logarithm is logistic with scale ξ, if tails fall by a power: over 201 topics of 61 recordings of
 real robots that is 0.4.
 """
-
-LONGEST_SILENCE_S = 60.0
-IRREGULAR = 100.0
-"""Usual intervals that a silence bound may last, and LONGEST_SILENCE_S whatever the rate."""
 
 Seconds = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """The agents of a simulated robot: the real protocol, reports and actions; only the processes are simulated.
 
-HostObservers ──► VerdictReporter ──► AsyncOutbox ──► POST …/observations      (robomend_client's own)
+HostObservers ──► VerdictReporter ──► Outbox ──► POST …/observations      (robomend_client's own)
 POST …/actions/next ──► Actions ──► the simulated robot ──► POST …/result (the same)
 """
 
@@ -24,7 +24,7 @@ from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.calls import Call
 from robomend_client.rest.errors import Unreachable
@@ -121,7 +121,7 @@ class HostAgent:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._buffer = DiskBuffer(self._folder / "buffer", 1024 * 1024)
         self.observers = observers
-        outbox = AsyncOutbox(self._reports, self._robot, self._buffer)
+        outbox = Outbox(self._reports, self._robot, self._buffer)
         self.reporter = VerdictReporter(
             outbox,
             f"agent {self.name}",

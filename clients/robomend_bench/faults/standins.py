@@ -158,7 +158,6 @@ class _Idle:
 
     def __init__(self, play: _Play) -> None:
         self.play = play
-        self._odd = False
         play.record.diagnoses.append(Diagnosed(-BEFORE_S, ((),)))
 
     def step(self) -> None:

@@ -36,7 +36,7 @@ from robomend_client.beats import until_beat_s
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
 from robomend_client.observers import PROCESSES, Change, Contact
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
 
@@ -114,7 +114,7 @@ class Agent:
                     watch.read(feed, sources)
             stack.callback(watch.close)
             reporter = VerdictReporter(
-                AsyncOutbox(reports, config.robot, buffer),
+                Outbox(reports, config.robot, buffer),
                 f"agent {config.agent}",
                 config.heartbeat_s,
                 config.lifetime_s,

@@ -25,7 +25,7 @@ from typing import Any
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.python310 import timeout
 from robomend_client.readings import Reading
 from robomend_client.rest.retry import Retry
@@ -47,7 +47,7 @@ class VerdictReporter:
 
     def __init__(
         self,
-        outbox: AsyncOutbox,
+        outbox: Outbox,
         source: str,
         heartbeat_s: float,
         lifetime_s: float,

@@ -19,7 +19,7 @@ from robomend_client.bridges.problems import Problems
 from robomend_client.buffer import DiskBuffer
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers import Change, Verdict, ns
-from robomend_client.outbox import AsyncOutbox
+from robomend_client.outbox import Outbox
 from robomend_client.python310 import end
 
 # --- what others say on /observations, as literals: the paper's sentences, and the spellings of its released
@@ -125,7 +125,7 @@ class Listening:
         self._sentences = Sentences(ns(lifetime_s))
         self._buffer = DiskBuffer(parts.state_dir / folder, parts.buffer_bytes)
         self._reporter = VerdictReporter(
-            AsyncOutbox(parts.client, parts.robot, self._buffer),
+            Outbox(parts.client, parts.robot, self._buffer),
             SOURCE,
             parts.heartbeat_s,
             lifetime_s,

@@ -101,7 +101,6 @@ class BinaryQualitativeObserver:
         second_window_s = expected.second_window_s or expected.window_s
         self._tick_ns = ns(expected.tick_s)
         self._threshold = expected.threshold
-        self._first = first
         self._sides = {
             first: _Side(expected.window_s, expected.slope, ways[0], expected.derive == "first"),
             second: _Side(second_window_s, expected.second_slope or expected.slope, ways[1], False),

@@ -31,7 +31,7 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from robomend.api.gate import Bucket, by_name, foreign
+from robomend.api.gate import SAFE, Bucket, by_name, foreign
 from robomend.api.ingestion import PATH, RULE, Express
 from robomend.api.problems import GONE, Problem, unforeseen
 from robomend.api.protocol import LINGER_BYTES, LINGER_S
@@ -111,7 +111,6 @@ log = structlog.get_logger("robomend.http")
 
 REQUEST_ID = re.compile(rb"[A-Za-z0-9._\-]{1,64}\Z")
 VERSIONS = frozenset({"1.0", "1.1"})
-SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 CLOSE = (b"connection", b"close")
 Header = tuple[bytes, bytes]
 # An answer's own headers go before these: a form of a page without referrer comes with `Origin: null`.

@@ -15,7 +15,7 @@ import shlex
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import cast
@@ -38,10 +38,10 @@ SIGNS = 4
 class InitSystem:
     """See the module; told of by the environment of a unit."""
 
-    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        self._address = environment.get("NOTIFY_SOCKET", "")
-        watched = environment.get("WATCHDOG_USEC", "")
-        ours = environment.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+        watched = os.environ.get("WATCHDOG_USEC", "")
+        ours = os.environ.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
         self._every_s = int(watched) / 1e6 / SIGNS if ours and watched.isdigit() else None
         self._beating: asyncio.Task[None] | None = None
 

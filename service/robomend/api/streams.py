@@ -79,7 +79,7 @@ class Hub:
 
     def start(self) -> None:
         """Listen to the store; belongs to its event loop."""
-        self._unsubscribe = self.store.subscribe(self._publish)
+        self.store.subscribe(self._publish)
 
     def close(self) -> None:
         """End all streams, so that the server need not wait for them."""

@@ -27,6 +27,7 @@ class BatchState(StrEnum):
     CANCELLED = "cancelled"
 
 
+OPEN = (BatchState.WAITING, BatchState.RUNNING)
 ENDS = frozenset({BatchState.DONE, BatchState.FAILED, BatchState.CANCELLED})
 
 

@@ -182,7 +182,6 @@ MESSAGES: dict[int, type[Message]] = {
 class Unreadable:
     """A whole frame that is none of the six messages, and the code with which a board answers it."""
 
-    frame_command: int
     code: Code
     reason: str
 
@@ -245,11 +244,11 @@ class Decoder:
 def _message(command: int, body: bytes) -> Message | Unreadable:
     message_type = MESSAGES.get(command)
     if message_type is None:
-        return Unreadable(command, Code.UNKNOWN_COMMAND, f"there is no command {command}")
+        return Unreadable(Code.UNKNOWN_COMMAND, f"there is no command {command}")
     try:
         return message_type.from_body(body)
     except (struct.error, ValueError) as error:
-        return Unreadable(command, Code.BAD_VALUE, f"command {command} with {len(body)} bytes: {error}")
+        return Unreadable(Code.BAD_VALUE, f"command {command} with {len(body)} bytes: {error}")
 
 
 def _rows(body: bytes, size: int) -> bytes:

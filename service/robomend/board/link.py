@@ -98,8 +98,8 @@ def backoff(least_s: float, most_s: float) -> Iterator[float]:
 class BoardLink:
     """Keeps one board connected; give it to everything that needs this board.
 
-    Start it with `async with BoardLink(...)` or `start()`. Callbacks run in the event loop and must not
-    block.
+    Start it with `async with BoardLink(...)` or `start()`. `on_state` runs in the event loop and must
+    not block.
     """
 
     def __init__(
@@ -111,8 +111,6 @@ class BoardLink:
         connect_timeout_s: float = 3.0,
         command_timeout_s: float = 2.0,
         backoff_s: tuple[float, float] = (0.1, 5.0),
-        silence_s: float | None = None,
-        on_snapshot: Callable[[Snapshot], None] | None = None,
         on_state: Callable[[LinkState, str], None] | None = None,
     ) -> None:
         if not 1 <= broadcast_hz <= 255:
@@ -125,9 +123,8 @@ class BoardLink:
         self._connect_timeout_s = connect_timeout_s
         self._command_timeout_s = command_timeout_s
         self._backoff_s = backoff_s
-        self._silence_s = silence_s or max(MISSED / broadcast_hz, LEAST_SILENCE_S)
+        self._silence_s = max(MISSED / broadcast_hz, LEAST_SILENCE_S)
         self._dead_s = max(MISSED_MANY / broadcast_hz, LEAST_DEAD_S, 2 * self._silence_s)
-        self._on_snapshot = on_snapshot
         self._on_state = on_state
         self._readers: set[asyncio.Queue[Snapshot | None]] = set()
         self._task: asyncio.Task[None] | None = None
@@ -390,11 +387,6 @@ class BoardLink:
         self.snapshot = snapshot
         for queue in self._readers:
             _put(queue, snapshot)
-        if self._on_snapshot is not None:
-            try:
-                self._on_snapshot(snapshot)
-            except Exception:  # likewise, nor keep the reading from the queues
-                logger.exception("board %s:%s: a snapshot callback failed", self.host, self.port)
 
 
 def _said(error: Exception) -> str:

@@ -190,10 +190,10 @@ def die_with(parent: int) -> None:
         os._exit(1)
 
 
-def tail(log: Path, lines: int = 12) -> str:
+def tail(log: Path) -> str:
     """Return the last lines of a log."""
     try:
-        return "\n".join(log.read_text(errors="replace").splitlines()[-lines:])
+        return "\n".join(log.read_text(errors="replace").splitlines()[-12:])
     except OSError as error:
         return f"(no log: {error.strerror})"
 

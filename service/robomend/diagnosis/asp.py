@@ -19,7 +19,7 @@ Sources:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from time import perf_counter
 from typing import Any
 
@@ -32,7 +32,7 @@ from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState, by_size
 from robomend.errors import OptionRefused
-from robomend.model.cnf import HealthCnf
+from robomend.model.cnf import Clause, HealthCnf
 from robomend.resources import resource
 
 SLICE_S = 0.05
@@ -166,7 +166,7 @@ class _Grounded:
         self._cnf = cnf
         self.control: Any = clingo.Control([*ARGUMENTS[kind]], logger=lambda code, message: None)
         self.control.load(str(resource("encodings", "diagnosis.lp")))
-        self.control.add("base", [], _facts(cnf))
+        self.control.add("base", [], facts_of(len(cnf.components), cnf.variables, cnf.clauses))
         parts: list[tuple[str, list[Any]]] = [("base", [])]
         if kind == "minimum":
             parts.append(("minimum", []))
@@ -214,11 +214,12 @@ class _Partial(Exception):
         self.found = found
 
 
-def _facts(cnf: HealthCnf) -> str:
-    lines = [f"component(1..{len(cnf.components)})."] if cnf.components else []
-    if cnf.variables:
-        lines.append(f"variable(1..{cnf.variables}).")
-    for index, clause in enumerate(cnf.clauses):
+def facts_of(components: int, variables: int, clauses: Iterable[Clause]) -> str:
+    """Return what encodings/diagnosis.lp wants to know of a model."""
+    lines = [f"component(1..{components})."] if components else []
+    if variables:
+        lines.append(f"variable(1..{variables}).")
+    for index, clause in enumerate(clauses):
         facts = [f"clause({index})."]
         facts += [
             f"positive({index},{literal})." if literal > 0 else f"negative({index},{-literal})."

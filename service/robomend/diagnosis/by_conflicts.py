@@ -28,7 +28,7 @@ from robomend.diagnosis.masks import mask_of, members, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.parts import (
-    FEW,
+    MULTIPLIED_OUT,
     IndependentPart,
     independent,
     list_diagnoses,
@@ -107,7 +107,7 @@ class ByConflicts:
         """Return whether conflicts that share no component have so few diagnoses that all are listed."""
         if options.factored or options.max_size is not None or answer.limit == 1:
             return False
-        return prod(map(int.bit_count, answer.minimal)) <= min(FEW, answer.limit)
+        return prod(map(int.bit_count, answer.minimal)) <= min(MULTIPLIED_OUT, answer.limit)
 
     def _by_found_conflicts(
         self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState

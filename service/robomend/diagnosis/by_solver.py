@@ -2,7 +2,7 @@
 
 It takes over where conflicts are too many or too wide for a search of hitting sets, and where a circuit is no
 netlist. The minimum comes first (core_guided.py), all of its size if they are wanted; larger subset-minimal
-diagnoses follow size by size (layered.py), until the solver says that there is none besides those found.
+diagnoses follow size by size (Layered), until the solver says that there is none besides those found.
 """
 
 from __future__ import annotations

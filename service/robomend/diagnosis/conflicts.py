@@ -33,7 +33,7 @@ from robomend.diagnosis.masks import mask_of, members
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.diagnosis.result import Conflict
-from robomend.diagnosis.shrinking import FEW, Extract, Witnesses, minimised, shrunk
+from robomend.diagnosis.shrinking import TRIED_SINGLY, Extract, Witnesses, minimised, shrunk
 from robomend.model.cnf import Clause, HealthCnf
 
 # --- which rules a contradiction rests on.
@@ -346,7 +346,7 @@ class Conflicts:
             with Extract(self._clauses_of(healthy), components, self._clock, oracle.name) as extract:
                 background = extract.known((*supposed.healthy, *observed.numbers))
                 witnesses = None
-                if len(components) > FEW:
+                if len(components) > TRIED_SINGLY:
                     fixed = frozenset(map(abs, background))
                     witnesses = Witnesses(extract.clauses, len(components), fixed, self._clock.check)
                 kept, rest, minimal = minimised(

@@ -49,25 +49,17 @@ def conflict_in_words(
     rules: tuple[str, ...],
     minimal: bool = True,
 ) -> Conflict:
-    """Return a conflict with its sentence, and which observation is the unmet expectation."""
-    seen = [literal for literal in observations if literal.atom.predicate != "ab"]
-    unmet = _news(cnf, components, seen, rules) if seen else None
-    text = _sentence(cnf, components, observations, unmet)
-    return Conflict(components, observations, rules, text, unmet, minimal)
-
-
-def explain_conflict(
-    cnf: HealthCnf, components: Collection[str], observations: Sequence[Literal], rules: Collection[str]
-) -> str:
-    """Return one sentence that tells a minimal conflict in the model's words.
+    """Return a minimal conflict with its sentence, and which observation is the unmet expectation.
 
     Args:
-        cnf: the model; only the clauses of `rules` are looked at, and only if their texts do not settle it.
         components: cannot all be healthy …
         observations: … given these. What a what-if assumes is among them, as `ab(c)` or `not ab(c)`.
         rules: the texts of the rules that the conflict rests on.
     """
-    return conflict_in_words(cnf, tuple(components), tuple(observations), tuple(rules)).text
+    seen = [literal for literal in observations if literal.atom.predicate != "ab"]
+    unmet = _news(cnf, components, seen, rules) if seen else None
+    text = _sentence(cnf, components, observations, unmet)
+    return Conflict(components, observations, rules, text, unmet, minimal)
 
 
 def _sentence(
@@ -90,14 +82,6 @@ def _sentence(
     subject, plural = _subject(cnf, news.atom)
     was = "they were" if plural else "it was"
     return f"{subject} should {_infinitive(cnf, -news)}{because}, but {was} seen {_seen(cnf, news)}"
-
-
-def resolves(bad: Iterable[str], conflicts: Sequence[Conflict]) -> tuple[int, ...]:
-    """Return the indices of the conflicts that a diagnosis hits: all of them, if it is one."""
-    abnormal = frozenset(bad)
-    return tuple(
-        index for index, conflict in enumerate(conflicts) if not abnormal.isdisjoint(conflict.components)
-    )
 
 
 def explain_diagnoses(diagnoses: Sequence[Diagnosis], conflicts: Sequence[Conflict]) -> list[str]:

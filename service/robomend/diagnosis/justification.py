@@ -29,10 +29,10 @@ from typing import TYPE_CHECKING
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.consistency import Consistency
 from robomend.diagnosis.derivations import Derivation
-from robomend.diagnosis.masks import bits, mask_of, members, outside
+from robomend.diagnosis.masks import bits, mask_of, members, minimal_masks, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import Oracle, OutOfTime
-from robomend.diagnosis.parts import FEW
+from robomend.diagnosis.parts import COMPARED_CONFLICTS
 from robomend.diagnosis.search import SearchState
 
 if TYPE_CHECKING:
@@ -289,12 +289,12 @@ class Justification:
         width = 0
         try:
             if self._everything:
-                masks = self._truly_minimal(masks, self._clock.check)
+                masks = minimal_masks(masks, self._clock.check)
                 self.whole = len(masks) <= self._most
                 masks = masks[: self._most]
                 self.complete = self.whole or not self._lacking(self._masks[:JUSTIFIED], masks)
-            elif len(masks) <= FEW:
-                self.whole = len(masks) < 2 or len(self._truly_minimal(masks)) == len(masks)
+            elif len(masks) <= COMPARED_CONFLICTS:
+                self.whole = len(masks) < 2 or len(minimal_masks(masks)) == len(masks)
             else:
                 masks = self._chosen(masks)
             wanted = frozenset(masks)
@@ -307,15 +307,6 @@ class Justification:
         except OutOfTime:
             self.complete = self.whole = False
         return list(told.values())
-
-    def _truly_minimal(self, masks: Sequence[int], check: Callable[[], None] = lambda: None) -> list[int]:
-        """Return those that contain no other, the smallest first."""
-        kept: list[int] = []
-        for mask in sorted(set(masks), key=int.bit_count):
-            check()
-            if not any(mask & smaller == smaller for smaller in kept):
-                kept.append(mask)
-        return kept
 
     def _chosen(self, masks: Sequence[int]) -> list[int]:
         """Return for each member of the first diagnoses a conflict that needs it."""

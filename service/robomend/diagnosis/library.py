@@ -6,7 +6,7 @@ of a row is which conflicts apply to it, and many rows share that:
     rows ──► distinct rows ──► which conflicts apply (numpy) ──► distinct sets of conflicts ──► diagnoses
                                                                   each put together of its parts
 
-This needs all minimal conflicts of the sensors beforehand (sensor_conflicts.py): their minimal hitting sets
+This needs all minimal conflicts of the sensors beforehand (all_conflicts): their minimal hitting sets
 are the diagnoses (Reiter 1987), and no solver is asked. Where they cannot be listed (circuits, fault modes,
 rules that are not Horn, too many) each distinct row is a question to the engine.
 
@@ -30,10 +30,10 @@ from robomend.diagnosis.conflicts import Reasons
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.derivations import Derivations
 from robomend.diagnosis.engines import DEFAULT, make_engine
-from robomend.diagnosis.masks import bits, mask_of
+from robomend.diagnosis.masks import bits, mask_of, minimal_masks
 from robomend.diagnosis.observed import check_options
 from robomend.diagnosis.oracle import Deadline, OutOfTime
-from robomend.diagnosis.parts import FEW, IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.parts import MULTIPLIED_OUT, IndependentPart, independent, list_diagnoses, minimal
 from robomend.diagnosis.ranking import rank, size_then_odds
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Factor, Options, StoppedBy
 from robomend.diagnosis.search import (
@@ -106,16 +106,7 @@ def all_conflicts(cnf: HealthCnf, sensors: Sequence[int]) -> list[SensorConflict
         found += [one | fails for one in labels.of.get(variable, ())]
     if len(found) > MAX_CONFLICTS:
         raise TooManyConflicts
-    return [SensorConflict(one & healthy, one >> shift) for one in minimal_sets(found)]
-
-
-def minimal_sets(masks: Iterable[int]) -> list[int]:
-    """Return the masks without those that contain another."""
-    kept: list[int] = []
-    for mask in sorted(set(masks), key=int.bit_count):
-        if not any(smaller & mask == smaller for smaller in kept):
-            kept.append(mask)
-    return kept
+    return [SensorConflict(one & healthy, one >> shift) for one in minimal_masks(found)]
 
 
 def containment(masks: Sequence[int]) -> NDArray[np.float32]:
@@ -162,16 +153,16 @@ class _Labels:
                 label = self.of.get(variable, ())
                 if len(derived) * len(label) > MAX_ENVIRONMENTS:
                     raise TooManyConflicts
-                derived = minimal_sets([one | other for one in derived for other in label])
+                derived = minimal_masks([one | other for one in derived for other in label])
             if head:
                 if self._add(head, derived):
                     waiting.update(dict.fromkeys(self._users.get(head, ())))
             else:
-                self.contradictions = minimal_sets([*self.contradictions, *derived])
+                self.contradictions = minimal_masks([*self.contradictions, *derived])
 
     def _add(self, variable: int, derived: list[int]) -> bool:
         before = self.of.get(variable, [])
-        after = minimal_sets([*before, *derived])
+        after = minimal_masks([*before, *derived])
         if after == before or set(after) == set(before):
             return False
         self._size += len(after) - len(before)
@@ -367,7 +358,7 @@ class Library:
         self._contained: NDArray[np.float32] | None = None
         if len(columns) <= COMPARED:
             self._contained = containment([components for components, _ in self._columns])
-        few = FEW if options.limit is None else min(FEW, options.limit)
+        few = MULTIPLIED_OUT if options.limit is None else min(MULTIPLIED_OUT, options.limit)
         short = not options.factored and options.max_size is None
         self._products = Products(cnf.components, few if short else 0)
 
@@ -416,7 +407,7 @@ class Library:
         Args:
             codes: see there.
         """
-        rows, row_of = _distinct(codes.reshape(-1, self.words))
+        rows, row_of = distinct(codes.reshape(-1, self.words))
         if self._engine is not None:
             asked = tuple([self._asked(self._engine, tuple(row)) for row in rows.tolist()])
             return RowAnswers(row_of, asked, (None,) * len(asked))
@@ -504,7 +495,7 @@ class Library:
         if known is None:
             masks = [self._columns[place][0] for place in places]
             if self._contained is None:
-                masks = sorted(minimal_sets(masks))
+                masks = sorted(minimal_masks(masks))
             answer: Answer | None
             if masks and not masks[0]:
                 answer = self._contradiction(self._columns[places[0]][1])
@@ -622,8 +613,8 @@ class Library:
             self._engine.close()
 
 
-def _distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
-    """Return the different rows, and which of them each row is."""
+def distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
+    """Return the different rows in the order of their bits, and which of them each row is."""
     if rows.shape[1] == 1:  # many times as fast as rows of one word
         found, of = np.unique(rows[:, 0], return_inverse=True)
         return found.reshape(-1, 1), of.reshape(-1)

@@ -61,6 +61,20 @@ def bits(number: int) -> list[int]:
     return found
 
 
+def minimal_masks(masks: Iterable[int], check: Callable[[], None] = lambda: None) -> list[int]:
+    """Return the masks without those that contain another, the smallest first.
+
+    Args:
+        check: called for each; may raise to end the work.
+    """
+    kept: list[int] = []
+    for mask in sorted(dict.fromkeys(masks), key=int.bit_count):
+        check()
+        if not any(smaller & mask == smaller for smaller in kept):
+            kept.append(mask)
+    return kept
+
+
 def classes_of(conflicts: Sequence[int], check: Callable[[], None] = lambda: None) -> list[int]:
     """Return the components of the conflicts in classes, as masks: those of one are in the same conflicts.
 

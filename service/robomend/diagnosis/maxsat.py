@@ -9,8 +9,6 @@ Source: A. Ignatiev, A. Morgado, J. Marques-Silva. RC2: an efficient MaxSAT solv
 
 from __future__ import annotations
 
-import threading
-from time import perf_counter
 from typing import Any
 
 from pysat.examples.rc2 import RC2
@@ -55,7 +53,7 @@ class MaxSatEngine(BaseEngine):
         formula.extend([[v] for v in what_if.healthy] + [[-v] for v in what_if.abnormal])
         formula.extend([[v] for v in free], weights=[weights[v - 1] for v in free])
         formula.nv = max(formula.nv, self.cnf.variables)
-        with _TimedRC2(formula, self._clock, self.solver) as rc2, _Alarm(self._clock):
+        with _TimedRC2(formula, self._clock, self.solver) as rc2, self._clock.alarm():
             self._enumerate(rc2, free, sorted(what_if.abnormal), options, answer)
 
     def _enumerate(
@@ -107,22 +105,3 @@ class _TimedRC2(RC2):  # type: ignore[misc]  # PySAT has no type information
         if answer is None:
             clock.check()  # else a heuristic spent its budget
         return answer
-
-
-class _Alarm:
-    """Interrupts what runs at the deadline; calls that begin later are refused by the clock itself."""
-
-    def __init__(self, clock: Deadline) -> None:
-        self._clock = clock
-        self._timer: threading.Timer | None = None
-
-    def __enter__(self) -> None:
-        deadline = self._clock.deadline
-        if deadline is not None:
-            self._timer = threading.Timer(max(0.0, deadline - perf_counter()), self._clock.expire)
-            self._timer.daemon = True
-            self._timer.start()
-
-    def __exit__(self, *exception: object) -> None:
-        if self._timer is not None:
-            self._timer.cancel()

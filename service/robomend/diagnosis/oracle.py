@@ -144,7 +144,21 @@ class Deadline:
             if self.running is not None:
                 self.running.interrupt()
 
-    def expire(self) -> None:
+    @contextmanager
+    def alarm(self) -> Iterator[None]:
+        """Interrupt the long calls inside at the deadline; those that begin later are refused by `check`."""
+        if self.deadline is None:
+            yield
+            return
+        timer = threading.Timer(max(0.0, self.deadline - perf_counter()), self._expire)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _expire(self) -> None:
         """Interrupt the long call if its time is up; an alarm that comes late hits nobody else's."""
         with self._lock:
             if self.running is not None and self.deadline is not None and perf_counter() >= self.deadline:
@@ -233,17 +247,11 @@ class Oracle:
         inner.conf_budget(-1)
         inner.prop_budget(-1)
         clock.enter(inner)
-        alarm = None
-        if clock.deadline is not None:
-            alarm = threading.Timer(max(0.0, clock.deadline - perf_counter()), clock.expire)
-            alarm.daemon = True
-            alarm.start()
         try:
-            answer: bool | None = inner.solve_limited(assumptions, expect_interrupt=True)
+            with clock.alarm():
+                answer: bool | None = inner.solve_limited(assumptions, expect_interrupt=True)
         finally:
             clock.leave()
-            if alarm is not None:
-                alarm.cancel()
             inner.clear_interrupt()
         if answer is None:
             raise OutOfTime

@@ -27,7 +27,7 @@ from math import prod
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.guided import CheapestHittingSets
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes, no_more_conflicts
-from robomend.diagnosis.masks import bits, classes_of, members
+from robomend.diagnosis.masks import bits, classes_of, members, minimal_masks
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Row, SearchState
@@ -38,9 +38,11 @@ Cost = Callable[[int], float]
 NODE_BUDGET = 20_000
 """Nodes of a search for hitting sets before a SAT search takes over."""
 
-FEW = 64
-"""Conflicts up to which all pairs of them are compared to drop what contains another; diagnoses up to which
-they are simply multiplied out."""
+COMPARED_CONFLICTS = 64
+"""Up to which all pairs of them are compared to drop what contains another."""
+
+MULTIPLIED_OUT = 64
+"""Diagnoses up to which they are simply multiplied out."""
 
 MAX_ALTERNATIVES = 1_000
 """Of a part, that are listed as one factor. A part with more is told by its classes, as rows of its own."""
@@ -79,14 +81,7 @@ def independent(conflicts: Sequence[int]) -> list[list[int]]:
 def minimal(conflicts: Sequence[int]) -> list[int]:
     """Return the conflicts without those that contain another; of many, those that differ."""
     once = list(dict.fromkeys(conflicts))
-    if not 1 < len(once) <= FEW:
-        return once
-    once.sort(key=int.bit_count)
-    kept: list[int] = []
-    for conflict in once:
-        if not any(smaller & conflict == smaller for smaller in kept):
-            kept.append(conflict)
-    return kept
+    return minimal_masks(once) if 1 < len(once) <= COMPARED_CONFLICTS else once
 
 
 class IndependentPart:
@@ -345,7 +340,7 @@ def list_diagnoses(
             answer.count = prod(part.count for part in parts)
             if options.factored or 1 < answer.limit < answer.count:
                 answer.rows = rows_of(parts, forced)
-            if not options.factored and answer.count <= min(FEW, answer.limit):
+            if not options.factored and answer.count <= min(MULTIPLIED_OUT, answer.limit):
                 found = [forced]
                 for part in parts:
                     alternatives = part.listed()

@@ -61,15 +61,6 @@ from robomend.model.loops import Loop
 from robomend_client.literals import Atom, Literal
 
 
-def likelihood(cnf: HealthCnf, observed: Iterable[Literal], bad: Collection[str]) -> float:
-    """Return P(OBS | this diagnosis) up to a factor that is the same for all; 1 where nothing is known of
-    what components put out.
-    """
-    if not cnf.puts_out or not bad:
-        return 1.0
-    return _likelihood(cnf, {literal.atom: literal.positive for literal in observed}, bad)
-
-
 def _likelihood(cnf: HealthCnf, seen: Mapping[Atom, bool], bad: Collection[str]) -> float:
     blamed = frozenset(bad)
     counted: set[tuple[str, Atom]] = set()
@@ -89,7 +80,9 @@ def _likelihood(cnf: HealthCnf, seen: Mapping[Atom, bool], bad: Collection[str])
 def likelihoods(
     cnf: HealthCnf, observed: Collection[Literal], diagnoses: Iterable[Collection[str]]
 ) -> list[float]:
-    """Return the likelihood under each diagnosis."""
+    """Return P(OBS | diagnosis) of each, up to a factor that is the same for all; 1 where nothing is known of
+    what components put out.
+    """
     if not cnf.puts_out:
         return [1.0 for _ in diagnoses]
     seen = {literal.atom: literal.positive for literal in observed}

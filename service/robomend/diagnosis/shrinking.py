@@ -160,7 +160,7 @@ class Witnesses:
 CALLS = 1_000
 """Questions to the solver, for the components of a conflict and again for its observations."""
 
-FEW = 8
+TRIED_SINGLY = 8
 """Up to so many literals are tried one by one at once."""
 
 Refute = Callable[[list[int]], Collection[int] | None]
@@ -178,7 +178,7 @@ def shrunk(
     """
     kept = [literal for literal in literals if literal in needed]
     doubtful = [literal for literal in literals if literal not in needed]
-    chunk = len(doubtful) // 2 if len(doubtful) > FEW else 1
+    chunk = len(doubtful) // 2 if len(doubtful) > TRIED_SINGLY else 1
     while doubtful:
         index = 0
         while index < len(doubtful):

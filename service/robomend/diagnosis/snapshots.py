@@ -28,13 +28,13 @@ from functools import cached_property
 from time import perf_counter, thread_time
 
 from robomend.diagnosis.conflicts import Conflicts, Known, Reasons
-from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
+from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.justification import JUSTIFIED, MAX_CONFLICTS
 from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.diagnosis.search import MAX_DIAGNOSES
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import Clause, HealthCnf
@@ -176,20 +176,23 @@ class SnapshotEngine:
         met = search.known if search.contradiction is None else [search.contradiction]
         told = self._justifying(masks, met) if options.conflicts else []
         smaller = {one.mask: one for one in [self._resting_on_less(*pair, what_if) for pair in told]}
-        conflicts = tuple(map(self._in_words, smaller.values()))
+        conflicts = tuple(map(self._conflicts.in_words, smaller.values()))
         by_size = options.minimal == "cardinality" or options.max_size is not None
         proved = stopped in (None, "limit") or (bool(blamed) and (stopped == "size" or by_size))
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
-            diagnoses=tuple(Diagnosis(bad, resolves=resolves(bad, conflicts)) for bad in blamed),
+            diagnoses=tuple(
+                Diagnosis(bad, resolves=tuple(i for i, conflict in enumerate(smaller) if mask & conflict))
+                for bad, mask in zip(blamed, masks, strict=True)
+            ),
             complete=stopped is None,
             stopped_by=stopped,
             conflicts=conflicts,
             elapsed_s=perf_counter() - started,
             unused=tuple(unused),
             count=len(masks) if stopped is None else None,
-            cleared=clear_suspects(blamed, conflicts),
+            cleared=Cleared(blamed, conflicts) if conflicts else {},
             size_at_least=min(map(len, blamed)) if blamed and proved else None,
             size_at_most=min(map(len, blamed), default=None),
             smallest_proved=proved,
@@ -221,16 +224,6 @@ class SnapshotEngine:
         with suppress(OutOfTime):
             return self._conflicts.minimise(self._oracle, literals, observed, what_if, needed=needed)
         return known
-
-    def _in_words(self, known: Known) -> Conflict:
-        cnf = self.cnf
-        components = tuple(cnf.components[variable - 1] for variable in known.components)
-        used = self._reasons.rules([*known.components, *known.observations])
-        rules = tuple(cnf.rules[index].text for index in used)
-        # What was seen, and what is supposed: `ab(c)` or its negation.
-        literals = tuple(map(cnf.literal_of, known.observations))
-        text = explain_conflict(cnf, components, literals, rules)
-        return Conflict(components, literals, rules, text, minimal=known.minimal)
 
     def _contradiction(self, known: Known) -> ContradictoryModel:
         literals = tuple(map(self.cnf.word, known.observations))

@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import zip_longest
 
 from robomend.errors import ModelError, ObservationError
@@ -16,7 +17,7 @@ from robomend.model.loops import loops_of
 from robomend.model.rules import Sentence, read_rules
 from robomend.model.schemes import outputs, publishers_of, schemes
 from robomend.model.system import System
-from robomend.model.vocabulary import Vocabulary, for_robot
+from robomend.model.vocabulary import ACTIVE, HAS_VARIANT, Vocabulary
 from robomend_client.literals import Atom
 
 
@@ -160,21 +161,46 @@ def _check_kinds(model: ComponentModel, vocabulary: Vocabulary, file: str | None
 
 
 def vocabulary_of(model: ComponentModel) -> Vocabulary:
-    """Return what observations and rules of this robot may speak of, rules of the user's aside."""
+    """Return what observations and rules of this robot may speak of, rules of the user's aside.
+
+    Besides topics and properties, `ok` takes a property of one component, `ok(temperature,arm)`; the
+    resources of a process, `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))`
+    or `ok(current,jaguar)`.
+    """
     nodes = model.nodes.values()
     topics = dict.fromkeys(model.topics)
     topics.update(dict.fromkeys(topic for node in nodes for topic in node.publishes))
-    reads = {(node.name, topic) for node in nodes for inputs in node.publishes.values() for topic in inputs}
-    return for_robot(
-        components={(kind.section, kind.state): tuple(model.of(kind)) for kind in KINDS},
-        switchable=tuple(name for name in model.hardware if model.switchable(name)),
-        topics=tuple(topics),
-        properties=tuple(dict.fromkeys((*model.properties, *([LOAD] if model.computers else [])))),
-        values=tuple(model.values),
+    known = Vocabulary(
+        sorts={
+            "components": tuple(model.parts),
+            "switchable": tuple(name for name in model.hardware if model.switchable(name)),
+            **{kind.section: tuple(model.of(kind)) for kind in KINDS},
+            "topics": tuple(topics),
+            "properties": tuple(dict.fromkeys((*model.properties, *([LOAD] if model.computers else [])))),
+            "values": tuple(model.values),
+            "node_resources": ("CPU", "Mem"),
+            "channel_readings": ("current",),
+        },
+        predicates={
+            **{kind.state: ((kind.section,),) for kind in KINDS},
+            "ok": (
+                ("topics",),
+                ("properties",),
+                ("properties", "components"),
+                ("node_resources", "nodes"),
+                ("channel_readings", "switchable"),
+            ),
+            "inc": (("values",),),
+            "dec": (("values",),),
+            "const": (("values",),),
+            "matched": (("values", "values"),),
+        },
         relations={
             "drives": frozenset((node.name, device) for node in nodes for device in node.drives),
             "publishes": frozenset((node.name, topic) for node in nodes for topic in node.publishes),
-            "reads": frozenset(reads),
+            "reads": frozenset(
+                (node.name, topic) for node in nodes for inputs in node.publishes.values() for topic in inputs
+            ),
             "rests_on": frozenset(
                 (topic, source)
                 for node in nodes
@@ -189,9 +215,17 @@ def vocabulary_of(model: ComponentModel) -> Vocabulary:
             ),
             "carries": frozenset((value.topic, value.name) for value in model.values.values()),
         },
-        variants=frozenset(
-            (function.name, variant) for function in model.functions.values() for variant in function.variants
-        ),
+    )
+    functions = model.functions.values()
+    variants = frozenset((function.name, variant) for function in functions for variant in function.variants)
+    if not variants:
+        return known
+    names = {"functions": {name for name, _ in variants}, "variants": {variant for _, variant in variants}}
+    return replace(
+        known,
+        sorts={**known.sorts, **{sort: tuple(sorted(some)) for sort, some in names.items()}},
+        predicates={**known.predicates, ACTIVE: (("functions", "variants"),)},
+        relations={**known.relations, HAS_VARIANT: variants},
     )
 
 

@@ -26,7 +26,7 @@ CIRCUIT = re.compile(
 )
 
 
-def load_model(path: str | Path, *, format: str | None = None) -> System:
+def load_model(path: str | Path) -> System:
     """Return the system description in a file.
 
     Raises:
@@ -45,7 +45,7 @@ def load_model(path: str | Path, *, format: str | None = None) -> System:
             raise ModelError(other, str(path)) from error
         line = data.count(b"\n", 0, error.start) + 1
         raise ModelError("not UTF-8 text; save the file as UTF-8", str(path), line) from error
-    return load_text(text, name=path.stem, file=str(path), format=format)
+    return load_text(text, name=path.stem, file=str(path))
 
 
 def load_text(

@@ -5,8 +5,8 @@ itself: the wires of a circuit, the propositions of a five-key file, whatever th
 Everything that reads a sentence asks here, so that `ok(/scan)`, `cons(v)` and `matched(b,a)` are one atom
 with `ok(scan)`, `const(v)` and `matched(a,b)` wherever they came from.
 
-To add a predicate of component models: give it its signatures in `for_robot`; if clauses mention it, add the
-clause in robomend.model.schemes.
+To add a predicate of component models: give it its signatures in `vocabulary_of` of robomend.model.compiling;
+if clauses mention it, add the clause in robomend.model.schemes.
 """
 
 from __future__ import annotations
@@ -212,66 +212,3 @@ def _some(names: Collection[str], most: int = 12, count: int | None = None) -> s
     count = len(names) if count is None else count
     shown = ", ".join(map(quote, islice(names, most))) or "none"
     return shown if count <= most else f"{shown}, … ({count} in all)"
-
-
-def for_robot(
-    *,
-    components: Mapping[tuple[str, str], tuple[str, ...]] | None = None,
-    switchable: tuple[str, ...] = (),
-    topics: tuple[str, ...] = (),
-    properties: tuple[str, ...] = (),
-    values: tuple[str, ...] = (),
-    atoms: frozenset[Atom] = frozenset(),
-    relations: Mapping[str, frozenset[tuple[str, ...]]] | None = None,
-    variants: frozenset[tuple[str, str]] = frozenset(),
-) -> Vocabulary:
-    """Return the vocabulary of a component model (design, section 4).
-
-    Besides topics and properties, `ok` takes a property of one component, `ok(temperature,arm)`; the
-    resources of a process, `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))`
-    or `ok(current,jaguar)`.
-
-    Args:
-        components: (sort, predicate of the state) of each kind -> its components, in the order of COMPS.
-        variants: (function, variant) of each variant of the model's functions.
-    """
-    kinds = components or {}
-    sorts: dict[str, tuple[str, ...]] = {}
-    predicates: dict[str, tuple[Signature, ...]] = {}
-    if variants:
-        sorts = {
-            "functions": tuple(sorted({function for function, _ in variants})),
-            "variants": tuple(sorted({variant for _, variant in variants})),
-        }
-        predicates = {ACTIVE: (("functions", "variants"),)}
-        relations = {**(relations or {}), HAS_VARIANT: variants}
-    return Vocabulary(
-        sorts={
-            "components": tuple(chain.from_iterable(kinds.values())),
-            "switchable": switchable,
-            **{sort: names for (sort, _), names in kinds.items()},
-            "topics": topics,
-            "properties": properties,
-            "values": values,
-            "node_resources": ("CPU", "Mem"),
-            "channel_readings": ("current",),
-            **sorts,
-        },
-        predicates={
-            **predicates,
-            **{state: ((sort,),) for sort, state in kinds},
-            "ok": (
-                ("topics",),
-                ("properties",),
-                ("properties", "components"),
-                ("node_resources", "nodes"),
-                ("channel_readings", "switchable"),
-            ),
-            "inc": (("values",),),
-            "dec": (("values",),),
-            "const": (("values",),),
-            "matched": (("values", "values"),),
-        },
-        atoms=atoms,
-        relations=relations or {},
-    )

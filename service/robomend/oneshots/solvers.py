@@ -102,9 +102,9 @@ ISOLABILITY_S = 5.0
 class SolverWorkers:
     """See the module. Thread-safe."""
 
-    def __init__(self, size: int, queue_limit: int, memory_bytes: int | None = MEMORY_BYTES) -> None:
+    def __init__(self, size: int, queue_limit: int) -> None:
         self.pool = WorkerPool(
-            "solver", size=size, spare=0, warm=warm, memory_bytes=memory_bytes, queue_limit=queue_limit
+            "solver", size=size, spare=0, warm=warm, memory_bytes=MEMORY_BYTES, queue_limit=queue_limit
         )
 
     async def diagnose(

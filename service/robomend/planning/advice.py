@@ -24,10 +24,9 @@ from robomend.planning.cures import Rates, carried, cycled, power_cuts
 from robomend.planning.influence import influenced, published, put_out
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import theory_of
+from robomend.planning.quarantine import DEFAULT_PATIENCE, Patience
 from robomend.planning.tried import (
-    DEFAULT_PATIENCE,
     Attempt,
-    Patience,
     interruptions,
     leading,
     repaired_by,
@@ -163,7 +162,6 @@ class Situation:
             fits=self._fits(self.result.diagnoses),
             switchable=frozenset(filter(self.model.switchable, self.model.hardware)),
             now_ns=self.now_ns,
-            patience=self.patience,
         )
         return tuple(found)
 
@@ -172,7 +170,7 @@ class Situation:
         """The leading diagnoses with their weights, by what was tried."""
         found = self.leading
         fits = self._fits(found)
-        weighed = weights(found, self.tried, fits=fits, now_ns=self.now_ns, patience=self.patience)
+        weighed = weights(found, self.tried, fits=fits, now_ns=self.now_ns)
         return list(zip(found, weighed, strict=True))
 
     def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
@@ -189,7 +187,7 @@ class Situation:
         ended = (self.surely_broken & self.model.nodes.keys()) | self._interrupted[1]
         if not ended:
             return fits
-        known = unbroken_fits(blamed, ended, self.cnf.priors, self.patience)
+        known = unbroken_fits(blamed, ended, self.cnf.priors)
         return [fit * factor for fit, factor in zip(fits, known, strict=True)]
 
     def _works(self, diagnosis: Diagnosis) -> frozenset[str]:

@@ -38,10 +38,32 @@ from operator import mul
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.cures import Rates, cured, cycled, power_cuts, rates_in
 from robomend.planning.plan import Outcome, Plan
-from robomend.planning.quarantine import Quarantined
-from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
+from robomend.planning.quarantine import DEFAULT_PATIENCE, Patience, Quarantined
+from robomend.planning.tried import (
+    AGAIN_FACTOR,
+    MEMORY_S,
+    S_TO_NS,
+    SEEN_FACTOR,
+    Attempt,
+    repaired_by,
+    weights,
+)
 from robomend_client.counts import counted
 from robomend_client.literals import Atom, Literal
+
+# --- costs, in the unit of action costs, about seconds
+
+LOOK_COST = 2.0
+"""Of one more round of repair and diagnosis."""
+
+PERSON_COST = 300.0
+"""When every repair failed and somebody must come."""
+
+ASK_COST = 30.0
+"""Of a person's yes to a plan, where one is asked for."""
+
+DARK_COST = 25.0
+"""Of a device that works and loses its power: as much as to cycle it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,19 +157,19 @@ def choose(
         relapses: how many repairs in a row helped what is suspected, and did not last.
     """
     diagnoses = [one.diagnosis for one in candidates]
-    chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
-    oldest = now_ns - int(patience.memory_s * S_TO_NS)
+    chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns)
+    oldest = now_ns - int(MEMORY_S * S_TO_NS)
     recent = [one for one in tried if one.time_ns >= oldest]
-    again = [_again(one, recent, patience) for one in candidates]
+    again = [_again(one, recent) for one in candidates]
     shares = [
         [factor * share for share in _shares(one, candidates)]
         for one, factor in zip(candidates, again, strict=True)
     ]
     weighed = [
-        _weigh(one, chance, sum(map(mul, row, chances)), len(candidates), recent, patience)
+        _weigh(one, chance, sum(map(mul, row, chances)), len(candidates), recent)
         for one, chance, row in zip(candidates, chances, shares, strict=True)
     ]
-    worth = _worth(candidates, shares, chances, patience)
+    worth = _worth(candidates, shares, chances)
     weighed = [
         one if index in worth or one.helps >= SURE else _spared(one, NOT_WORTH)
         for index, one in enumerate(weighed)
@@ -158,17 +180,17 @@ def choose(
     beyond = _beyond(candidates, weighed, shares)
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
-    cost = _expected_cost(candidates, shares, chances, patience)
+    cost = _expected_cost(candidates, shares, chances)
     if best is None:
         reason = _first(beyond, _nothing(candidates, ranked))
         return Choice(None, None, None, tuple(ranked), cost, reason, beyond=beyond)
-    probe, probe_cost = _best_look(candidates, shares, chances, looks, patience)
+    probe, probe_cost = _best_look(candidates, shares, chances, looks)
     if probe is not None and probe_cost < cost:
         reason = f"looking at {probe.atom} first: expected cost {probe_cost:.3g} instead of {cost:.3g}"
         return Choice(best.diagnosis, best.plan, probe, tuple(ranked), probe_cost, reason, yes=best.yes)
     if common is not None and common.plan.outcome is Outcome.SOLVED and common.plan.steps:
         saving = (1 - best.helps) * (best.plan.cost - common.plan.cost)
-        if saving > patience.look_cost:
+        if saving > LOOK_COST:
             names = ", ".join(common.diagnosis.bad)
             reason = f"every leading diagnosis blames {names}: repaired first, then looked at again"
             return Choice(
@@ -195,7 +217,7 @@ def _shares(one: Candidate, candidates: Sequence[Candidate]) -> list[float]:
     return found
 
 
-def _again(one: Candidate, tried: Sequence[Attempt], patience: Patience) -> float:
+def _again(one: Candidate, tried: Sequence[Attempt]) -> float:
     """Return what is left of a plan's probability to help, as the same was done before in vain.
 
     Even if the diagnosis is right: a process may come up well once more, a device hardly does.
@@ -213,23 +235,21 @@ def _again(one: Candidate, tried: Sequence[Attempt], patience: Patience) -> floa
     if not in_vain:
         return 1.0
     seldom = one.remedy < 1 or power_cuts(plan)
-    second = patience.seen_factor if seldom else patience.again_factor
-    return second * patience.seen_factor ** (in_vain - 1)
+    second = SEEN_FACTOR if seldom else AGAIN_FACTOR
+    return second * SEEN_FACTOR ** (in_vain - 1)
 
 
-def _effort(one: Candidate, patience: Patience) -> float:
+def _effort(one: Candidate) -> float:
     """Return what a plan costs, with what it darkens; a free one next to nothing."""
-    return max(one.plan.cost + patience.dark_cost * len(one.darkens), 1e-6)
+    return max(one.plan.cost + DARK_COST * len(one.darkens), 1e-6)
 
 
-def _weigh(
-    one: Candidate, chance: float, helps: float, rivals: int, tried: Sequence[Attempt], patience: Patience
-) -> Alternative:
+def _weigh(one: Candidate, chance: float, helps: float, rivals: int, tried: Sequence[Attempt]) -> Alternative:
     bad = frozenset(one.diagnosis.bad)
     plan = one.plan
     # Also what was repaired together with something else: done again alone, it is the same.
     failures = [attempt for attempt in tried if bad <= attempt.bad and not attempt.helped]
-    score = helps / _effort(one, patience)
+    score = helps / _effort(one)
     names = ", ".join(one.diagnosis.bad) or "nothing"
     if plan.outcome is Outcome.GAVE_UP:
         reason = f"{names}: no plan was found in time"
@@ -297,12 +317,11 @@ def _worth(
     candidates: Sequence[Candidate],
     shares: Sequence[Sequence[float]],
     chances: Sequence[float],
-    patience: Patience,
 ) -> frozenset[int]:
     """Return the plans that are worth doing, as indices: to carry them out, best first, and to ask a person
     when they have failed costs less in the mean than to ask at once, or after fewer of them.
     """
-    order, costs = _costs(candidates, shares, chances, patience)
+    order, costs = _costs(candidates, shares, chances)
     least = min(costs)
     return frozenset(order[: next(n for n, cost in enumerate(costs) if cost < least + LEAST_GAIN)])
 
@@ -423,29 +442,28 @@ def _expected_cost(
     candidates: Sequence[Candidate],
     shares: Sequence[Sequence[float]],
     chances: Sequence[float],
-    patience: Patience,
 ) -> float:
     """Return the expected cost of repairing, best first, until it helps or a person must come; less what a
     person's yes to it costs.
     """
-    return min(_costs(candidates, shares, chances, replace(patience, ask_cost=0.0))[1])
+    return min(_costs(candidates, shares, chances, ask_cost=0.0)[1])
 
 
 def _costs(
     candidates: Sequence[Candidate],
     shares: Sequence[Sequence[float]],
     chances: Sequence[float],
-    patience: Patience,
+    ask_cost: float = ASK_COST,
 ) -> tuple[list[int], list[float]]:
     """Return the plans as indices, best first, and the expected cost of repairing by them, where a person is
     called after none of them, after one, and so on.
     """
     left = list(chances)
     unused = [index for index, one in enumerate(candidates) if one.plan.steps]
-    efforts = [_effort(one, patience) + patience.ask_cost * bool(one.asks or one.yes) for one in candidates]
+    efforts = [_effort(one) + ask_cost * bool(one.asks or one.yes) for one in candidates]
     spent = 0.0
     order: list[int] = []
-    found = [patience.person_cost * sum(left)]
+    found = [PERSON_COST * sum(left)]
     while unused:
         gains = {index: sum(map(mul, shares[index], left)) for index in unused}
         best = max(unused, key=lambda index: gains[index] / efforts[index])
@@ -455,7 +473,7 @@ def _costs(
         order.append(best)
         spent += efforts[best] * sum(left)
         left = [chance * (1 - share) for chance, share in zip(left, shares[best], strict=True)]
-        found.append(spent + patience.person_cost * sum(left))
+        found.append(spent + PERSON_COST * sum(left))
     return order, found
 
 
@@ -464,7 +482,6 @@ def _best_look(
     shares: Sequence[Sequence[float]],
     chances: Sequence[float],
     looks: Sequence[Look],
-    patience: Patience,
 ) -> tuple[Look | None, float]:
     """Return the look after which repairing is expected to be cheapest, and that cost with the look's own."""
     best: Look | None = None
@@ -476,7 +493,7 @@ def _best_look(
                 chance * (0.5 if predicted is None else float(predicted == value))
                 for chance, predicted in zip(chances, look.predicted, strict=True)
             ]
-            total += _expected_cost(candidates, shares, split, patience)
+            total += _expected_cost(candidates, shares, split)
         if total < least:
             best, least = look, total
     return best, least

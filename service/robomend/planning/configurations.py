@@ -549,19 +549,8 @@ def change_plan(
     wanted = frozenset[str]().union(
         *(all_of(model.functions[change.function].variants[change.target], model) for change in changes)
     )
-    problem = repair_problem(
-        model,
-        domain,
-        observed,
-        bad,
-        expected_stopped=[name for name in options.expected_stopped if name not in wanted],
-        quarantined=options.quarantined,
-        protected=options.protected,
-        avoided=options.avoided,
-        forbidden=options.forbidden,
-        offers=options.offers,
-        lingering=options.lingering,
-    )
+    stopped = tuple(name for name in options.expected_stopped if name not in wanted)
+    problem = repair_problem(model, domain, observed, bad, replace(options, expected_stopped=stopped))
     numbers = _numbers(model)
     goal = tuple((f"active-{numbers[change.function, change.target]}",) for change in changes)
     problem = replace(problem, goal=goal)

@@ -88,7 +88,7 @@ NO_RATES: Rates = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class ActOutcome:
     """What came of acts on one component alone."""
 
     component: str
@@ -99,7 +99,7 @@ class Tried:
 
 
 def rates(
-    model: ComponentModel, modes: Mapping[str, str], outcomes: Iterable[Tried]
+    model: ComponentModel, modes: Mapping[str, str], outcomes: Iterable[ActOutcome]
 ) -> dict[tuple[str, str], SuccessRate]:
     """Return what the model gives, and what was learned.
 

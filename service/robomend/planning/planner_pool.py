@@ -85,7 +85,6 @@ class PlannerPool:
         *,
         size: int = 1,
         spare: int = 1,
-        idle_s: float = 300.0,
         memory_bytes: int | None = MEMORY_BYTES,
         planners: Sequence[str] = EVERYDAY,
         at_once: bool = True,
@@ -103,7 +102,6 @@ class PlannerPool:
             size=size,
             spare=spare,
             warm=partial(warm, tuple(planners)),
-            idle_s=idle_s,
             memory_bytes=memory_bytes,
         )
 

@@ -35,7 +35,7 @@ from robomend.planning.planners import (
 )
 from robomend.planning.planners.dijkstra import Dijkstra
 from robomend.planning.planners.relaxed import achieves
-from robomend.planning.problem import Offers, RepairProblem, problem_text, repair_problem
+from robomend.planning.problem import RepairProblem, Restrictions, problem_text, repair_problem
 from robomend.planning.relevance import ground
 from robomend.planning.static_facts import UNBOUNDED, OutOfWork, Work
 from robomend.planning.validation import replay
@@ -43,20 +43,13 @@ from robomend_client.literals import Atom, Literal
 
 
 @dataclass(frozen=True, slots=True)
-class PlanOptions:
+class PlanOptions(Restrictions):
     """How to plan. The defaults are those of HTTP and the command line."""
 
     planner: str = DEFAULT
     timeout_s: float | None = 5.0  # processor time
     domain: str | None = None  # the user's PDDL: actions for repair.pddl, or a whole domain
     domain_file: str | None = None  # what messages call it
-    expected_stopped: tuple[str, ...] = ()
-    quarantined: tuple[str, ...] = ()
-    protected: tuple[str, ...] = ()
-    avoided: tuple[tuple[str, str], ...] = ()  # ground actions as text that must not be used, and why
-    forbidden: tuple[tuple[str, str], ...] = ()  # actions by name that must not be used, and why
-    offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
-    lingering: tuple[str, ...] = ()  # nodes that may still be there where they are observed not to run
     pddl: bool = False  # add the PDDL to the plan
     rates: tuple[SuccessRate, ...] = ()  # how probably acts cure, where that is given or learned
 
@@ -83,19 +76,7 @@ def plan_for(
     """
     started = time.perf_counter()
     domain = load_domain(options.domain, options.domain_file)
-    problem = repair_problem(
-        model,
-        domain,
-        observed,
-        bad,
-        expected_stopped=options.expected_stopped,
-        quarantined=options.quarantined,
-        protected=options.protected,
-        avoided=options.avoided,
-        forbidden=options.forbidden,
-        offers=options.offers,
-        lingering=options.lingering,
-    )
+    problem = repair_problem(model, domain, observed, bad, options)
     plan = plan_problem(domain, problem, options, work)
     return replace(plan, elapsed_s=time.perf_counter() - started)
 

@@ -68,6 +68,14 @@ class Window:
         return cls(frozenset(value.get("weekdays", range(7))), start, end)
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How much an automatic repair may try."""
+
+    attempts_per_hour: int = 12  # actions on one component
+    rounds: int = 5  # plans within one repair, before a person is asked
+
+
 @dataclass(frozen=True)
 class Policy:
     """A robot's policy."""
@@ -76,8 +84,7 @@ class Policy:
     actions: Mapping[str, Mode] = field(default_factory=dict)  # stricter or laxer for single actions
     allowed: frozenset[str] | None = None  # allow-list of action names; None: every action of the domain
     protected: Protection = field(default_factory=dict)  # what nothing shuts down or stops
-    attempts_per_hour: int = 12  # actions on one component
-    rounds: int = 5  # plans within one repair, before a person is asked
+    limits: Limits = Limits()
     hold_s: float = 0.0  # a diagnosis must last this long before automatic repair
     windows: tuple[Window, ...] = ()
 
@@ -126,12 +133,10 @@ class Policy:
         for component in sorted(self.harmed(step)):
             if component in self.protected:
                 return f"{component} stays as it is: {self.protected[component]}"
+        most = self.limits.attempts_per_hour
         for component in sorted(step.acts_on(components)):
-            if attempts.get(component, 0) >= self.attempts_per_hour:
-                return (
-                    f"that would be more than {self.attempts_per_hour} actions on {component} within an "
-                    "hour, the limit"
-                )
+            if attempts.get(component, 0) >= most:
+                return f"that would be more than {most} actions on {component} within an hour, the limit"
         return None
 
     def harmed(self, step: Step) -> frozenset[str]:

@@ -100,6 +100,26 @@ def _listed(name: str, can: frozenset[str] | tuple[()]) -> str:
     return f"{name} of {first_few(on, NAMED)}"
 
 
+@dataclass(frozen=True, slots=True)
+class Restrictions:
+    """What a plan must leave alone, and what nobody can do."""
+
+    expected_stopped: tuple[str, ...] = ()
+    """Components that are meant to be off: no goal, not needed by others, touched by nothing but the user's
+    own actions (a spare that stands in)."""
+    quarantined: tuple[str, ...] = ()
+    """Components that must not be tried again now: no goal, never touched, but for what loses its connection
+    or its like when what is bad is repaired: its own repairs failed under another diagnosis."""
+    protected: tuple[str, ...] = ()  # never shut down nor stopped, besides what the model marks
+    avoided: tuple[tuple[str, str], ...] = ()  # ground actions, as `power_up(lidar)`, and why
+    forbidden: tuple[tuple[str, str], ...] = ()  # actions by name, on whatever, and why
+    offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
+    lingering: tuple[str, ...] = ()  # nodes that may still be there where they are observed not to run
+
+
+UNRESTRICTED = Restrictions()
+
+
 Fact = tuple[str, ...]
 """A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
 
@@ -144,30 +164,13 @@ def repair_problem(
     domain: Domain,
     observed: Iterable[Literal],
     bad: Collection[str],
-    *,
-    expected_stopped: Collection[str] = (),
-    quarantined: Collection[str] = (),
-    protected: Collection[str] = (),
-    avoided: Iterable[tuple[str, str]] = (),
-    forbidden: Iterable[tuple[str, str]] = (),
-    offers: Offers | None = None,
-    lingering: Collection[str] = (),
+    restrictions: Restrictions = UNRESTRICTED,
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
 
     Args:
         observed: OBS; literals of predicates that the domain does not declare are skipped.
         bad: the diagnosis; every other component is taken to be good.
-        expected_stopped: components that are meant to be off: no goal, not needed by others, touched by
-            nothing but the user's own actions (a spare that stands in).
-        quarantined: components that must not be tried again now: no goal, never touched, but for what
-            loses its connection or its like when `bad` is repaired: its own repairs failed under another
-            diagnosis.
-        protected: components that nothing may shut down or stop, besides those that the model marks.
-        avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
-        forbidden: the same of actions by their names, on whatever.
-        offers: what the robot's agents say they can do; None: nobody knows.
-        lingering: nodes that may still be there where they are observed not to run.
 
     Raises:
         UnknownComponent: a name above is no component of the model.
@@ -175,7 +178,7 @@ def repair_problem(
     """
     components = model.components
     known = frozenset(components)
-    for name in (*bad, *expected_stopped, *quarantined, *protected):
+    for name in (*bad, *restrictions.expected_stopped, *restrictions.quarantined, *restrictions.protected):
         if name not in known:
             raise UnknownComponent(name, known)
     seen = {literal.atom: literal.positive for literal in observed}
@@ -202,18 +205,18 @@ def repair_problem(
             nearest = _feeders(model, hardware)
             facts.update(("hangs_on", name, feeder) for feeder in nearest if model.switchable(feeder))
         facts.add(("good" if is_on and name not in blamed else "bad", name))
-    aside = frozenset(expected_stopped)
+    aside = frozenset(restrictions.expected_stopped)
     needs = {pair for pair in needs_of(model) if pair[1] not in aside}
-    shielded = protection(model, protected)
+    shielded = protection(model, restrictions.protected)
     cut_off: frozenset[str] = frozenset()
     if "tied" in domain.predicates:
-        left_alone = aside | frozenset(quarantined)
+        left_alone = aside | frozenset(restrictions.quarantined)
         ended = [n for n in model.nodes if seen.get(Atom("running", (n,))) is False and n not in left_alone]
         cut_off = _cut_off(model, ended, aside | shielded.keys())
     for name, node in model.nodes.items():
         runs = active("running", name, node.restartable)
         facts.update([("running", name)] if runs else [("stopped", name), ("not_running", name)])
-        if not runs and name in lingering:
+        if not runs and name in restrictions.lingering:
             facts.add(("lingers", name))
         if node.restartable:
             facts.add(("restartable", name))
@@ -246,7 +249,7 @@ def repair_problem(
     _add_objects(objects, domain, known)
     _add_facts(facts, domain, objects)
     _add_observed(facts, domain, objects, seen)
-    alone = frozenset(quarantined) - _dragged_along(model, blamed) - cut_off
+    alone = frozenset(restrictions.quarantined) - _dragged_along(model, blamed) - cut_off
     excluded = tuple(name for name in components if name in aside or name in alone)
     parts = model.parts
     return RepairProblem(
@@ -259,9 +262,9 @@ def repair_problem(
         excluded=excluded,
         idle=aside,
         protected=shielded,
-        avoided=dict(avoided),
-        forbidden=dict(forbidden),
-        offers=offers,
+        avoided=dict(restrictions.avoided),
+        forbidden=dict(restrictions.forbidden),
+        offers=restrictions.offers,
         costs={
             **{name: part.cost for name, part in parts.items() if part.cost is not None},
             **{act: _factor(model, remedy) for act, remedy in remedies.items()},

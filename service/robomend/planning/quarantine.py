@@ -15,7 +15,25 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
+from robomend.planning.tried import S_TO_NS, Attempt
+
+FAILURES = 3
+"""In a row, until a component is left alone."""
+
+BACKOFF_S = 300.0
+MAX_BACKOFF_S = 86_400.0
+"""The first quarantine, doubled by each further failure, up to a day."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """With repairs that help, and not for long."""
+
+    relapses: int = 3  # in a row until quarantine; one less where power is cut
+    relapse_s: float = 30.0  # what needs a repair again so soon was not mended by the last one
+
+
+DEFAULT_PATIENCE = Patience()
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +45,7 @@ class Quarantined:
     reason: str
 
 
-def quarantined(
-    tried: Iterable[Attempt],
-    *,
-    now_ns: int,
-    patience: Patience = DEFAULT_PATIENCE,
-) -> dict[str, Quarantined]:
+def quarantined(tried: Iterable[Attempt], *, now_ns: int) -> dict[str, Quarantined]:
     """Return the components to leave alone now as their last repairs all failed, with doubling back-off."""
     failures: dict[str, int] = {}
     last_ns: dict[str, int] = {}
@@ -42,7 +55,7 @@ def quarantined(
             last_ns[name] = one.time_ns
     found: dict[str, Quarantined] = {}
     for name, count in failures.items():
-        until_ns = last_ns[name] + _backoff_ns(count - patience.attempts, patience)
+        until_ns = last_ns[name] + _backoff_ns(count - FAILURES)
         if now_ns < until_ns:
             why = f"{name} was repaired {count} times in a row and it did not help"
             found[name] = Quarantined(count, until_ns, why)
@@ -69,7 +82,7 @@ def relapses(
             continue
         if lasts:
             lasted_ns = (one.began_ns or one.time_ns) - row[-1].time_ns
-            waited_ns = _backoff_ns(len(row) - patience.relapses, patience)
+            waited_ns = _backoff_ns(len(row) - patience.relapses)
             if lasted_ns > soon_ns and not waited_ns <= lasted_ns <= waited_ns + soon_ns:
                 row = []
             lasts = False
@@ -172,7 +185,7 @@ def came_back(
     times = len(relapsed)
     if times < max(1, patience.relapses):
         return {}
-    until_ns = relapsed[-1].time_ns + _backoff_ns(times - patience.relapses, patience)
+    until_ns = relapsed[-1].time_ns + _backoff_ns(times - patience.relapses)
     if now_ns >= until_ns:
         return {}
     names = frozenset[str]().union(*(one.bad for one in relapsed)).intersection(suspected)
@@ -180,9 +193,9 @@ def came_back(
     return {name: Quarantined(times, until_ns, f"{name}: {why}") for name in sorted(names)}
 
 
-def _backoff_ns(beyond: int, patience: Patience) -> int:
+def _backoff_ns(beyond: int) -> int:
     """Return how long to leave a component alone after so many repairs beyond those that are too many."""
     if beyond < 0:
         return 0
     # 2**63 s is longer than anybody waits; the exponent is bounded so that the power is too.
-    return int(min(patience.max_backoff_s, patience.backoff_s * 2.0 ** min(beyond, 63)) * S_TO_NS)
+    return int(min(MAX_BACKOFF_S, BACKOFF_S * 2.0 ** min(beyond, 63)) * S_TO_NS)

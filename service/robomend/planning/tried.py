@@ -32,6 +32,22 @@ S_TO_NS = 1_000_000_000
 OURS_NS = 5 * S_TO_NS
 """So long before its first act or after its end, an attempt may have been seen."""
 
+COMPONENT_ODDS = 0.01
+"""P(AB) / P(¬AB) of a component without a prior."""
+
+SEEN_FACTOR = 0.1
+UNSEEN_FACTOR = 0.5
+"""What a repair that did not help leaves of a diagnosis, where its effect was seen, and where it was not."""
+
+AGAIN_FACTOR = 0.5
+"""The same of one more repair of what was repaired in vain before: that says less and less."""
+
+MEMORY_S = 3600.0
+"""How long an attempt lowers its diagnosis."""
+
+LEADING = 6
+"""How many diagnoses are planned for."""
+
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
@@ -50,30 +66,6 @@ class Attempt:
     symptom_ns: int = 0  # when what it was for began to fail; 0: nobody knows
     down: tuple[tuple[str, int], ...] = ()  # nodes that did not run when it began, with since when
     sent_ns: tuple[int, ...] = ()  # when its actions were sent, the first one first
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How choosing weighs what happened. The defaults suit a robot that is watched from afar."""
-
-    component_odds: float = 0.01  # P(AB) / P(¬AB) where nobody gave priors
-    seen_factor: float = 0.1  # a repair whose effect was seen and that did not help
-    unseen_factor: float = 0.5  # one whose effect was not seen
-    again_factor: float = 0.5  # one more of what was repaired in vain before: that says less and less
-    memory_s: float = 3600.0  # how long an attempt lowers its diagnosis
-    look_cost: float = 2.0  # of one more round of repair and diagnosis
-    person_cost: float = 300.0  # when every repair failed and somebody must come
-    ask_cost: float = 30.0  # of a person's yes to a plan, where one is asked for
-    dark_cost: float = 25.0  # of a device that works and loses its power: as much as to cycle it
-    attempts: int = 3  # failures in a row until quarantine
-    relapses: int = 3  # the same for repairs that helped, and not for long; one less where power is cut
-    relapse_s: float = 30.0  # what needs a repair again so soon was not mended by the last one
-    backoff_s: float = 300.0  # the first quarantine; doubled by each further failure …
-    max_backoff_s: float = 86_400.0  # … up to this
-    leading: int = 6  # how many diagnoses are planned for
-
-
-DEFAULT_PATIENCE = Patience()
 
 
 def attempt(
@@ -161,7 +153,6 @@ def weights(
     *,
     fits: Sequence[float] | None = None,
     now_ns: int = 0,
-    patience: Patience = DEFAULT_PATIENCE,
 ) -> list[float]:
     """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
 
@@ -176,17 +167,15 @@ def weights(
     else:
         # Relative to the smallest, so that a hundred bad components do not underflow.
         least = min((len(diagnosis.bad) for diagnosis in diagnoses), default=0)
-        raw = [patience.component_odds ** (len(diagnosis.bad) - least) for diagnosis in diagnoses]
+        raw = [COMPONENT_ODDS ** (len(diagnosis.bad) - least) for diagnosis in diagnoses]
     if fits is not None:
         raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
-    oldest = now_ns - int(patience.memory_s * S_TO_NS)
+    oldest = now_ns - int(MEMORY_S * S_TO_NS)
     failed = sorted((one for one in tried if not one.helped and one.time_ns >= oldest), key=_time)
     before = list(accumulate((one.repaired if one.effect_seen else frozenset() for one in failed), or_))
     again = [frozenset[str](), *before]
     blamed = [frozenset(diagnosis.bad) for diagnosis in diagnoses]
-    doubts = [
-        sum(_doubt(bad, *each, patience) for each in zip(failed, again, strict=False)) for bad in blamed
-    ]
+    doubts = [sum(_doubt(bad, *each) for each in zip(failed, again, strict=False)) for bad in blamed]
     least_doubt = max(doubts, default=0.0)  # so that a hundred components do not underflow
     raw = [odds * exp(doubt - least_doubt) for odds, doubt in zip(raw, doubts, strict=True)]
     total = sum(raw)
@@ -197,20 +186,20 @@ def _time(one: Attempt) -> int:
     return one.time_ns
 
 
-def _doubt(bad: Collection[str], failed: Attempt, before: Collection[str], patience: Patience) -> float:
+def _doubt(bad: Collection[str], failed: Attempt, before: Collection[str]) -> float:
     """Return the logarithm of what a repair that did not help leaves of a diagnosis.
 
     Args:
         before: what earlier repairs had made good in vain.
     """
-    factor = patience.seen_factor if failed.effect_seen else patience.unseen_factor
+    factor = SEEN_FACTOR if failed.effect_seen else UNSEEN_FACTOR
     again = failed.repaired.intersection(bad)
     if not again and bad == failed.bad:  # it could not be carried out
         return log(factor)
     doubt = 0.0
     for name in sorted(again):
         cure = CURES[Cure.POWER_CYCLE if name in failed.cycled else Cure.OTHER]
-        left = patience.again_factor if name in before and name not in failed.cycled else factor
+        left = AGAIN_FACTOR if name in before and name not in failed.cycled else factor
         doubt += log(left + (1 - cure) * (1 - left))
     return doubt
 
@@ -219,7 +208,6 @@ def unbroken_fits(
     diagnoses: Sequence[Collection[str]],
     surely_broken: Collection[str],
     priors: Mapping[str, float],
-    patience: Patience = DEFAULT_PATIENCE,
 ) -> list[float]:
     """Return how well each diagnosis fits what was surely broken a moment ago and was repaired without help,
     relative to the best.
@@ -230,7 +218,7 @@ def unbroken_fits(
 
     def log_odds(name: str) -> float:
         prior = priors.get(name)
-        return log(patience.component_odds if prior is None else prior / (1 - prior))
+        return log(COMPONENT_ODDS if prior is None else prior / (1 - prior))
 
     logs = [sum(log_odds(name) for name in sorted(set(surely_broken).difference(bad))) for bad in diagnoses]
     best = max(logs, default=0.0)
@@ -244,13 +232,12 @@ def leading(
     fits: Sequence[float] | None = None,
     switchable: Collection[str] = (),
     now_ns: int = 0,
-    patience: Patience = DEFAULT_PATIENCE,
 ) -> list[Diagnosis]:
     """Return the diagnoses worth planning for, the most probable first.
 
     Of equally probable ones those come first that blame fewer of `switchable`, whose repair cuts power.
     """
-    found = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
+    found = weights(diagnoses, tried, fits=fits, now_ns=now_ns)
     cuts = [sum(name in switchable for name in diagnosis.bad) for diagnosis in diagnoses]
     order = sorted(range(len(diagnoses)), key=lambda index: (-round(found[index], 12), cuts[index]))
-    return [diagnoses[index] for index in order[: patience.leading] if diagnoses[index].bad]
+    return [diagnoses[index] for index in order[:LEADING] if diagnoses[index].bad]

@@ -51,6 +51,7 @@ from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import (
     MAY_HAVE_ACTED,
+    OWN_S,
     Ending,
     Execution,
     Setting,
@@ -83,9 +84,6 @@ AGAIN_S = 0.01
 
 SOON_S = 0.1
 """How often it is looked whether a repair still acts."""
-
-OWN_S = 30.0
-"""What an act may take of which nobody says anything."""
 
 AT_ONCE = 1_000_000
 """Steps of work of a plan, about a second of the processor: what takes more than that is given up."""

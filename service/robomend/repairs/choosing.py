@@ -31,7 +31,7 @@ from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Mode, Policy
 from robomend.planning.problem import Offer, Offers
-from robomend.planning.tried import Patience
+from robomend.planning.quarantine import DEFAULT_PATIENCE, Patience
 from robomend.repairs.executors.registry import kind_of
 from robomend.repairs.flapping import lasting, not_undone
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
@@ -71,7 +71,6 @@ class Chooser:
         planners: PlannerPool,
         one_shots: OneShots,
         readers: Readers,
-        patience: Patience | None = None,
     ) -> None:
         self._store = store
         self._readers = readers
@@ -81,7 +80,6 @@ class Chooser:
         self._policies: WeakKeyDictionary[Robot, tuple[RobotConfig, ComponentModel | None, Policy]] = (
             WeakKeyDictionary()
         )
-        self.patience = patience or Patience()
 
     def keep_ready(self, state: Robot) -> None:
         """A robot may have to be repaired at any time: a planner that starts only then costs seconds.
@@ -116,11 +114,12 @@ class Chooser:
         )
 
     def patience_with(self, state: Robot) -> Patience:
-        """Return how choosing weighs what happened to this robot."""
+        """Return the patience with repairs of this robot that do not last."""
         # Whoever allows many actions an hour means to mend what breaks often: a restart takes two.
-        allowed = state.config.limits.attempts_per_hour // 4
-        soon_s = self.patience.relapse_s + self.policy(state).hold_s  # it is not looked at before
-        return replace(self.patience, relapses=max(self.patience.relapses, allowed), relapse_s=soon_s)
+        policy = self.policy(state)
+        allowed = policy.limits.attempts_per_hour // 4
+        soon_s = DEFAULT_PATIENCE.relapse_s + policy.hold_s  # it is not looked at before
+        return Patience(max(DEFAULT_PATIENCE.relapses, allowed), soon_s)
 
     async def remembered(
         self, state: Robot, result: DiagnosisResult | None = None, since_ns: int = 0

@@ -29,6 +29,10 @@ from robomend_client.literals import Atom, Literal
 MAY_HAVE_ACTED = frozenset({TIMED_OUT, CANCELLED})
 """Results after which nobody knows whether the action acted."""
 
+OWN_S = 30.0
+"""What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
+to begin."""
+
 
 class FreshObs(Protocol):
     """OBS as the execution sees it: only what is fresh."""

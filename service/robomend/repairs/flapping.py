@@ -24,8 +24,8 @@ from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, makes_good
 from robomend.planning.policy import NODE_ACTIONS
-from robomend.planning.quarantine import came_back, downed, undoing
-from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
+from robomend.planning.quarantine import BACKOFF_S, Patience, came_back, downed, undoing
+from robomend.planning.tried import S_TO_NS, Attempt
 from robomend.repairs.conclusions import BadSets
 from robomend.repairs.remembering import Remembered
 from robomend_client.counts import counted
@@ -34,7 +34,7 @@ WITHIN_S = 60.0
 TIMES = 6
 """So often within that time it is a fault by itself."""
 
-HELD_S = DEFAULT_PATIENCE.backoff_s
+HELD_S = BACKOFF_S
 """For so long nothing is begun for the same suspects …"""
 
 STEADY_S = 5.0

@@ -26,7 +26,7 @@ from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NAMED, Silent, named
 from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
+from robomend.repairs.execution_values import OWN_S, Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.foresight import doubts
 from robomend.repairs.hearing import LOOK_S, Attendance
 from robomend.repairs.left_off import returning
@@ -48,10 +48,6 @@ NEWS_S = 0.05
 """How often repeated news, which wakes nobody, are looked at."""
 
 BETWEEN_ROUNDS = frozenset({RepairState.WAITING, RepairState.PLANNING, RepairState.VERIFYING})
-
-OWN_S = 30.0
-"""What an action of the user's own may take of which nobody says anything: a program with rclpy needs seconds
-to begin."""
 
 
 MOST_ANEW = 5
@@ -100,7 +96,7 @@ class LiveRepair:
         self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)
         # A crash does not give a repair new rounds, but it may always finish.
         acts.influences = self._confirming.acted
-        self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
+        self.rounds = max(1, chooser.policy(state).limits.rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
@@ -511,7 +507,6 @@ class LiveRepair:
             choice,
             execution,
             memory,
-            self._chooser.patience,
             helped=helped,
             by_itself=by_itself,
             undid=undid,

@@ -10,13 +10,13 @@ from typing import Any
 from robomend.entry import Entry
 from robomend.model.components import Node
 from robomend.planning.choice import Choice
-from robomend.planning.cures import Tried, curing, once
+from robomend.planning.cures import ActOutcome, curing, once
 from robomend.planning.influence import put_out
 from robomend.planning.plan import Plan
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS
-from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
-from robomend.planning.tried import Attempt, Patience, attempt
+from robomend.planning.quarantine import Patience, Quarantined, came_back, quarantined, relapses, unlasting
+from robomend.planning.tried import MEMORY_S, Attempt, attempt
 from robomend.repairs.execution_values import Ending, Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
@@ -38,9 +38,7 @@ class Remembered:
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
     aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
-    outcomes: tuple[
-        Tried, ...
-    ] = ()  # of acts on one component alone, in earlier repairs, the fleet's as well
+    outcomes: tuple[ActOutcome, ...] = ()  # of earlier repairs of one component alone, the fleet's as well
     reconnecting: frozenset[str] = frozenset()  # drivers that were seen to need no restart with their device
     all: tuple[Attempt, ...] = ()  # whoever is credited with them, the newest first
 
@@ -72,7 +70,7 @@ def remembered(
             one for one in unlasting((one for one, _ in own), again) if one.helped or one.time_ns >= since_ns
         ),
         tuple(dict.fromkeys([*aside, *back])),
-        useless_of(useless, since_ns=max(since_ns, now - int(patience.memory_s * 1e9)), open_repair=open_),
+        useless_of(useless, since_ns=max(since_ns, now - int(MEMORY_S * 1e9)), open_repair=open_),
         attempts.counted(view, robot, now - HOUR_NS),
         surely_broken(records, repair),
         again,
@@ -85,14 +83,14 @@ def remembered(
 
 def outcomes(
     tried: Iterable[StoredAttempt], repair: StoredRepair | None, *, fleet: bool = False
-) -> tuple[Tried, ...]:
+) -> tuple[ActOutcome, ...]:
     """Return what came of acts that were carried out on one component alone, in repairs that have ended.
 
     What came back by itself says nothing of them.
     """
     now = repair.id if repair is not None and repair.open else None
     return tuple(
-        Tried(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "", fleet)
+        ActOutcome(one.bad[0], frozenset(one.data["cures"]), one.helped, one.data.get("mode") or "", fleet)
         for one in tried
         if len(one.bad) == 1
         and one.repair != now
@@ -140,7 +138,6 @@ def judged(
     choice: Choice,
     execution: Execution,
     memory: Remembered,
-    patience: Patience,
     *,
     helped: bool,
     by_itself: str | None = None,
@@ -181,7 +178,7 @@ def judged(
     if by_itself is not None:
         return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
     kept = replace(tried, helped=helped)  # it brought back what it was for, whatever else it did
-    left_alone = quarantined([*memory.tried, kept], now_ns=now, patience=patience)
+    left_alone = quarantined([*memory.tried, kept], now_ns=now)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
     return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
 

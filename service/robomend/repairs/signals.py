@@ -64,7 +64,6 @@ class Signals:
         self.halted_by: int | None = None  # the cancellation, None: the global stop
         self._ended = False
         self._yes = asyncio.Event()
-        self._approval: int | None = None  # the request that a yes came with
         self._seen: set[int] = set()
         self._unanswered: set[int] = set()
 
@@ -80,7 +79,7 @@ class Signals:
     def approve(self, *, by: str, request: int) -> None:
         """A person said yes; the same request counts once."""
         if self._note(request):
-            self.by, self._approval = by, request
+            self.by = by
             self._yes.set()
 
     def _note(self, request: int) -> bool:
@@ -93,7 +92,6 @@ class Signals:
     def ask(self) -> None:
         """A new question is about to be put: a yes to an earlier one is no answer to it."""
         self._yes.clear()
-        self._approval = None
 
     async def decided(self, timeout_s: float | None = None) -> bool:
         """Wait for a yes (True) or a halt (False); False after the time-out as well."""

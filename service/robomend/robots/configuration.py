@@ -6,6 +6,8 @@ it.
 To add a setting of a robot: 1. a field with a default in RobotConfig, here (and in `from_json`, unless it
 has the name that HTTP gives it); 2. the same in RobotBody of robomend/api/schemas/robots.py, with what it
 may be; 3. its row in docs/http.md. tests/robots/test_configuration.py holds the three against each other.
+Where it takes effect it is read from a robot's `config`; what repair may do, from the Policy that
+`policy_of` makes of that.
 The schema in examples/ follows from these; `./dev check --fix` writes it.
 """
 
@@ -17,7 +19,7 @@ from typing import Any
 
 from robomend.errors import InputError
 from robomend.model.components import ComponentModel
-from robomend.planning.policy import Mode, Policy, Window
+from robomend.planning.policy import Limits, Mode, Policy, Window
 from robomend.planning.protection import marked, protection
 from robomend.redaction import COVERED, SECRET, shown_url
 
@@ -43,21 +45,13 @@ class BoardConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """How much an automatic repair may try."""
-
-    attempts_per_hour: int = 12  # actions on one component
-    rounds: int = 5  # of one repair: diagnose, plan, act
-
-
-@dataclass(frozen=True, slots=True)
 class RobotConfig:
     """One robot: its model, how it is diagnosed, and what repair may do."""
 
     id: str
     model: str
     policy: str = "approve"
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
     allow: tuple[str, ...] | None = None  # action names that may run; None: all that the model offers
     protected: tuple[str, ...] = ()  # components that are never shut down, besides the model's own
     board: BoardConfig | None = None
@@ -209,8 +203,7 @@ def policy_of(config: RobotConfig, parts: ComponentModel | None) -> Policy:
         actions=modes,
         allowed=None if config.allow is None else frozenset(config.allow),
         protected=protection_of(config, parts),
-        attempts_per_hour=config.limits.attempts_per_hour,
-        rounds=config.limits.rounds,
+        limits=config.limits,
         hold_s=config.hold_s,
         windows=tuple(map(Window.of, config.windows)),
     )

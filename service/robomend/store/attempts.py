@@ -21,21 +21,22 @@ _TRIED, _ATTEMPTS, _QUARANTINE = schema.tried, schema.attempts, schema.quarantin
 _ROBOTS = schema.robots
 
 
+MOST = 100
 MOST_LOOKED_AT = 2_000
-"""Attempts of one robot, to find those that count."""
+"""Attempts of one robot: that are returned, and that are looked at for these."""
 
 
-def tried(view: View, robot: str, *, limit: int = 100, drill: str | None = None) -> tuple[StoredAttempt, ...]:
+def tried(view: View, robot: str, *, drill: str | None = None) -> tuple[StoredAttempt, ...]:
     """Return what the latest attempts came to, newest first; of drills only those of `drill`.
 
     An hour of drills does not make us forget what was tried of real faults before.
     """
     query = select(_TRIED).where(_TRIED.c.robot == checked(robot)).order_by(_TRIED.c.number.desc())
     found: list[StoredAttempt] = []
-    for most in (limit, MOST_LOOKED_AT):
+    for most in (MOST, MOST_LOOKED_AT):
         read = [_attempt(row) for row in view.rows(query.limit(most))]
-        found = [one for one in read if one.data.get("drill") in {None, drill}][:limit]
-        if len(found) == limit or len(read) < most:
+        found = [one for one in read if one.data.get("drill") in {None, drill}][:MOST]
+        if len(found) == MOST or len(read) < most:
             break
     return tuple(found)
 

@@ -476,4 +476,3 @@ class StoreFigures:
     commits: int
     writes: int
     last_commit_s: float  # how long the last transaction took, with its fsync
-    newest_event: int

@@ -254,7 +254,6 @@ class Store(StoreThreads):
             commits=self._writer.commits,
             writes=self._writer.writes,
             last_commit_s=self._writer.last_commit_s,
-            newest_event=self._tail.last,
         )
 
 

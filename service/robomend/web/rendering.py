@@ -10,7 +10,6 @@ import hashlib
 import json
 import re
 import time as clocks
-from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime
 from functools import cache, lru_cache
 from pathlib import Path
@@ -20,7 +19,7 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.planning.plan import action_titles, in_prose, step_title
+from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
 from robomend.repairs.headline import Told, clock, in_words, observed, question
 from robomend.web.moment_plot import svg as moment_svg
@@ -119,8 +118,7 @@ def _environment() -> Environment:
         time=time,
         day=day,
         told=told,
-        title=title,
-        titles=titles,
+        title=step_title,
         percent=percent,
         amount=amount,
         duration=duration,
@@ -196,16 +194,6 @@ def day(time_ns: int) -> str:
 def told(words: Told) -> Markup:
     """Return a sentence of a headline."""
     return Markup("").join(sentence(each) if isinstance(each, str) else time(each) for each in words)
-
-
-def title(step: Mapping[str, Any]) -> str:
-    """Return a step of a plan as people say it."""
-    return step_title(step)
-
-
-def titles(steps: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return a plan as people say it: to stop and to start again is one thing."""
-    return action_titles(steps)
 
 
 def in_json(value: object) -> str:

@@ -44,7 +44,7 @@ from robomend.api.problems import Problem
 from robomend.api.routers.notifications import tried
 from robomend.api.schemas.base import NAME, one_line
 from robomend.api.schemas.drill import DrillBody, DrillOut
-from robomend.batches.record import BatchState
+from robomend.batches.record import OPEN
 from robomend.drills.drills import DECISIONS
 from robomend.drills.permission import board_of, nobody_for, obstacles
 from robomend.drills.score import scored
@@ -335,9 +335,6 @@ async def test_notification(request: Request, parts: PartsDep, principal: Princi
 
 
 # --- /ui/batches: the batches, a form to hand one in, and each with its progress and its report
-
-
-OPEN = (BatchState.WAITING, BatchState.RUNNING)
 
 
 @router.get("/ui/batches")

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import click
 
-from robomend.batches.record import BatchState
+from robomend.batches.record import OPEN, BatchState
 from robomend.cli.files import ExistingFile
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import BatchName
@@ -28,8 +28,6 @@ LOOK_S = 1.0
 """How often --wait looks how far a batch is."""
 
 BACKEND_FAILED = 3
-
-OPEN = (BatchState.WAITING, BatchState.RUNNING)
 
 
 @click.group("batches")

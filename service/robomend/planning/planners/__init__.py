@@ -49,7 +49,6 @@ class PartAnswer:
 
     outcome: Outcome
     actions: tuple[int, ...] = ()  # indices into Part.actions, in an order in which they can be carried out
-    cheapest: bool = False  # proved
 
 
 class Planner(Protocol):

@@ -59,7 +59,7 @@ class AspPlanner:
             if not finished:
                 break
             if attempt.proved:
-                return PartAnswer(Outcome.SOLVED, without_redundant(part, best or ()), cheapest=True)
+                return PartAnswer(Outcome.SOLVED, without_redundant(part, best or ()))
             if horizon == first + DOUBT_AFTER:
                 answer = dijkstra(part, deadline=deadline)
                 if answer.outcome is not Outcome.GAVE_UP:

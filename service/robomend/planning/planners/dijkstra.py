@@ -13,7 +13,7 @@ import heapq
 from robomend.planning.decomposition import Part
 from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer, processor_s
-from robomend.planning.planners.relaxed import relaxed_layers, without_redundant
+from robomend.planning.planners.relaxed import relaxed_layers
 from robomend.planning.static_facts import UNBOUNDED, Work
 
 MAX_STATES = 20_000
@@ -56,7 +56,7 @@ def dijkstra(part: Part, *, deadline: float | None, work: Work = UNBOUNDED) -> P
         if state in settled:
             continue
         if part.goal <= state:
-            return PartAnswer(Outcome.SOLVED, without_redundant(part, _path(paths, state)), cheapest=True)
+            return PartAnswer(Outcome.SOLVED, _path(paths, state))
         settled.add(state)
         if len(settled) > MAX_STATES or (deadline is not None and processor_s() > deadline):
             return PartAnswer(Outcome.GAVE_UP)

@@ -45,7 +45,7 @@ class FastDownward:
                 )
             except (OSError, AssertionError, RuntimeError) as error:
                 raise SolverError(f"Fast Downward failed: {error}") from error
-        return answer(result, optimal=True, exhaustive=False)
+        return answer(result, exhaustive=False)
 
 
 SPARE_S = 2

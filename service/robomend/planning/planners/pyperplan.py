@@ -86,5 +86,5 @@ class Pyperplan:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = self._engine.solve(up_problem(smaller, costs=False))
-        found = answer(result, optimal=False, exhaustive=True)
+        found = answer(result, exhaustive=True)
         return replace(found, actions=tuple(kept[index] for index in found.actions))

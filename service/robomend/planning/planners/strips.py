@@ -85,11 +85,10 @@ def up_problem(part: Part, *, costs: bool) -> Any:
     return problem
 
 
-def answer(result: Any, *, optimal: bool, exhaustive: bool) -> PartAnswer:
+def answer(result: Any, *, exhaustive: bool) -> PartAnswer:
     """Return what a `PlanGenerationResult` says, as ours.
 
     Args:
-        optimal: the engine promises that its plans are cheapest.
         exhaustive: it ends without a plan only when it has seen every state: that is a proof, though Unified
             Planning calls it UNSOLVABLE_INCOMPLETELY.
     """
@@ -97,7 +96,7 @@ def answer(result: Any, *, optimal: bool, exhaustive: bool) -> PartAnswer:
 
     if result.plan is not None:
         indices = tuple(int(instance.action.name[1:]) for instance in result.plan.actions)
-        return PartAnswer(Outcome.SOLVED, indices, optimal and result.status == Status.SOLVED_OPTIMALLY)
+        return PartAnswer(Outcome.SOLVED, indices)
     if result.status == Status.UNSOLVABLE_PROVEN:
         return PartAnswer(Outcome.UNSOLVABLE)
     if exhaustive and result.status == Status.UNSOLVABLE_INCOMPLETELY:

@@ -37,17 +37,19 @@ from robomend_client.registry import Registry
 # --- A repeated action id gets the first result, and acts only once.
 
 
+KEPT = 1024
+
+
 class Once:
     """Wraps an executor so that it sees each action id once.
 
     A second call while the first is under way waits for the same result. An action that was cancelled has
-    no result and may be sent again: whether it acted is for OBS to say. The last `keep` results are
+    no result and may be sent again: whether it acted is for OBS to say. The last KEPT results are
     remembered.
     """
 
-    def __init__(self, executor: Executor, keep: int = 1024) -> None:
+    def __init__(self, executor: Executor) -> None:
         self._executor = executor
-        self._keep = keep
         self._results: OrderedDict[str, asyncio.Future[ActionResult]] = OrderedDict()
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
@@ -56,7 +58,7 @@ class Once:
             return await asyncio.shield(first)
         answer: asyncio.Future[ActionResult] = asyncio.get_running_loop().create_future()
         self._results[action.id] = answer
-        while len(self._results) > self._keep:
+        while len(self._results) > KEPT:
             self._results.popitem(last=False)
         try:
             result = await self._executor.execute(action, feedback)
