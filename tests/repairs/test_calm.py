@@ -17,7 +17,7 @@ from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Outcome, Plan, Step
 from robomend.repairs.calm import MOST_FLIPS, Calm
-from robomend.repairs.hearing import Attendance
+from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.store.records import StoredStart
@@ -149,7 +149,7 @@ async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_
     async with waiting_for_verdicts(tmp_path, **about) as (runtime, _):
         state, nobody = await runtime.robots.memory.robot("r1"), cast(Any, None)
         record = cast(Any, SimpleNamespace(data={}))
-        hearing = Attendance(runtime.store, runtime.robots, state, record, nobody, None)
+        hearing = Hearing(runtime.store, runtime.robots, state, record, nobody, None)
         await said(runtime, CLOCK.now_ns() - S, scan=(False, 2))
         await runtime.robots.diagnosed("r1")
         assert {str(atom) for atom in await hearing.unheard()} == {

@@ -25,10 +25,10 @@ action's answer says nothing about the action, so a verdict never claims to be y
 To add an observer of your own, write a function or a class and name it in the agent's file:
 docs/observers.md, "Your own observer". To add one to robomend:
 
-1. observers/NAME.py, or that of a kind which it is alike: the parameters (a frozen dataclass), the observer;
-   what each parameter is, with its unit, stands in their docstrings, from where editors and the reference
-   have it (docstrings.py);
-2. observers/kinds.py: a line in KINDS;
+1. observers/NAME.py, or that of a kind which it is alike: the parameters (a frozen dataclass), the observer
+   (one that judges readings by `Readings` is a reading.JudgedReadings); what each parameter is, with its
+   unit, stands in their docstrings, from where editors and the reference have it;
+2. a line in KINDS of observers/kinds.py, and in the map of observers/__init__.py;
 3. docs/observers.md: its section;
 4. tests/clients/observers/test_NAME.py, and an observer in EVERY_KIND of test_kinds.py beside it.
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 import reprlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, SECOND, Evidence, WrongKind, ns, number, positive
 from robomend_client.observers.incidents import for_s
-from robomend_client.observers.reading import Judgement, Readings
+from robomend_client.observers.reading import JudgedReadings, Readings
 from robomend_client.readings import Reading, Symptom
 
 STAMP = "header.stamp.sec,header.stamp.nanosec"
@@ -149,7 +149,7 @@ class Age:
         positive(most_s=self.most_s, ahead_s=self.ahead_s)
 
 
-class AgeObserver:
+class AgeObserver(JudgedReadings):
     """Watches the stamps in the messages of one topic against the time at which they were sent."""
 
     def __init__(
@@ -171,22 +171,12 @@ class AgeObserver:
         """
         self._expected = expected or Age()
         readings = readings or Readings()
-        agreeing = readings.agreeing if readings.agreeing > 1 else 3
-        self.atoms = (parse_atom(atom),)
-        topic = (topic or self.atoms[0].args[-1]).strip("/")
-        self.sources = frozenset((source or f"{topic}:{STAMP}",))
-        self.period_ns = 0
-        self.detection_s = self.settling_s = max(
-            agreeing * readings.interval_s, readings.debounce_s + readings.interval_s
+        topic = (topic or parse_atom(atom).args[-1]).strip("/")
+        super().__init__(
+            atom,
+            source or f"{topic}:{STAMP}",
+            replace(readings, agreeing=readings.agreeing if readings.agreeing > 1 else 3),
         )
-        self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
-        self._judgement = Judgement(
-            agreeing, ns(readings.debounce_s), None if readings.latched else ns(readings.lifetime_s)
-        )
-        self.reset(0)
-
-    def reset(self, time_ns: int) -> None:
-        self._judgement.reset()
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         seconds, rest = value, 0
@@ -201,13 +191,6 @@ class AgeObserver:
         age_ns = time_ns - stamped_ns
         good = -ns(self._expected.ahead_s) <= age_ns <= ns(self._expected.most_s)
         self._judgement.add(time_ns, good, read=age_ns)
-
-    def due_ns(self) -> int | None:
-        return self._judgement.due_ns()
-
-    def check(self, now_ns: int) -> tuple[Literal, ...]:
-        good = self._judgement.at(now_ns)
-        return NOTHING if good is None else self._signs[good]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         age_ns = self._judgement.read

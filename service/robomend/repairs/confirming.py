@@ -29,6 +29,7 @@ from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.planning.quarantine import BEFORE_NS
 from robomend.repairs.conclusions import Silent, named
 from robomend.repairs.execution_values import StepReport
+from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
@@ -39,8 +40,6 @@ from robomend.store.records import Json
 from robomend_client.actions import REFUSED, UNREACHABLE, Action, ActionResult
 from robomend_client.literals import Atom
 from robomend_client.readings import Symptom
-
-LOOK_S = 0.25
 
 MOST_STAYS_S = 60.0
 """For what came back to stay, however slow its observers are."""
@@ -77,8 +76,8 @@ class Confirming:
         self._observed = observed
         self._newest = newest
         self._shows_s = shows_s
-        self._takes_s = start_up_s
-        self._start_up_s = shows_s("power_up", "start_node")  # what acts of before this repair may still need
+        self._start_up_s = start_up_s
+        self._acts_need_s = shows_s("power_up", "start_node")  # those of before this repair, too
         self._began_ns = CLOCK.now_ns()
         self._symptoms: dict[Atom, Entry] = {}  # of the present round
         self._good = frozenset[Atom]()  # what held when it began
@@ -115,7 +114,7 @@ class Confirming:
             self._acted.setdefault(atom, sent_ns)
         n = sight.acted(facts, sent_ns, atoms - facts, now_ns)
         shows_s = self._shows_s(action.name)
-        self._start_up_s = max([self._start_up_s, shows_s, *map(self._takes_s, acted_on)])
+        self._acts_need_s = max([self._acts_need_s, shows_s, *map(self._start_up_s, acted_on)])
         sight.start_ups.acted(action, sent_ns, now_ns + round(shows_s * 1e9))
         return {"n": n, "atoms": [str(atom) for atom in sorted(atoms)]}
 
@@ -124,7 +123,7 @@ class Confirming:
         while self._left_s() > 0:
             await self._news()
 
-    async def healthy(self, result: DiagnosisResult) -> DiagnosisResult:
+    async def confirmed(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return a diagnosis that is not healthy, or one that is, and that rests on what was seen.
 
         Silent: nobody could confirm it.
@@ -229,7 +228,7 @@ class Confirming:
         if rose_ns < sent_ns - GUARD_NS:
             return f"{atom} was back before anything was done that influences it"
         delays = self._state.sight.delays(atom)
-        within_ns = round(self._start_up_s * 1e9) + max(delays.detection_ns, delays.settling_ns)
+        within_ns = round(self._acts_need_s * 1e9) + max(delays.detection_ns, delays.settling_ns)
         began = self._symptoms[atom]
         onset_ns = began.began_ns
         for other, what, fell_ns, back_ns in sorted(self._state.sight.interruptions(began.source)):
@@ -266,7 +265,7 @@ class Confirming:
         # What an earlier repair left unconfirmed gets its time in this one, too.
         began = {atom: max(acts[atom].from_ns, self._began_ns) for atom in left}
         ends = [began[a] + self._state.sight.delays(a).settling_ns - now_ns for a in left]
-        return max(ends) / 1e9 + self._start_up_s + SLACK_S if ends else 0.0
+        return max(ends) / 1e9 + self._acts_need_s + SLACK_S if ends else 0.0
 
     def _held_up_s(self, left: Collection[Atom]) -> float:
         """Return how long those who are configured to report these may still be held up: nothing else is

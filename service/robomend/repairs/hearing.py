@@ -24,7 +24,7 @@ LOOK_S = 0.25
 """How often a wait for OBS looks at the clock as well: what grows stale wakes nobody."""
 
 
-class Attendance:
+class Hearing:
     """Which atoms of the robot's `observed` list OBS has, and after a crash, which were reported since."""
 
     def __init__(

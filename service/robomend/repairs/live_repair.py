@@ -28,11 +28,11 @@ from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import OWN_S, Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.foresight import doubts
-from robomend.repairs.hearing import LOOK_S, Attendance
+from robomend.repairs.hearing import LOOK_S, Hearing
 from robomend.repairs.left_off import returning
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import by_evidence, judged, set_aside, spent
+from robomend.repairs.remembering import by_evidence, kept_of, set_aside, spent
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState, RepairTrigger
 from robomend.robots.clock import CLOCK
@@ -90,7 +90,7 @@ class LiveRepair:
         self._acts = acts
         self._signals = signals
         self._confirm = partial(store.ownership.confirm, record.fence)
-        self._hearing = Attendance(store, robots, state, record, signals, heard_since)
+        self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         about = (state, record, signals, self._hearing.observed, self._newest)
         self._confirming = Confirming(*about, self._shows_s, self._start_up_s)
         self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, self._start_up_s)
@@ -99,7 +99,7 @@ class LiveRepair:
         self.rounds = max(1, chooser.policy(state).limits.rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
-        self._judged: frozenset[str] = frozenset()  # what the present plan takes to be bad, and OBS may clear
+        self._taken_as_bad: frozenset[str] = frozenset()  # by the present plan; OBS may clear it
         self._anew_ns = 0  # what was tried before that may help now
         self._first = 0  # number of the present round's first step within the repair
 
@@ -178,7 +178,7 @@ class LiveRepair:
         """
         told, deadline = False, time.monotonic() + PUBLISHED_S
         while result.healthy:
-            result = await self._confirming.healthy(result)
+            result = await self._confirming.confirmed(result)
             how, unknown = health_of(self._state)
             late_s = self._state.sight.may_be_late_s(unknown)
             asked = self._record.data.get("asked") and not self._record.data.get("rounds")
@@ -230,7 +230,7 @@ class LiveRepair:
             assert found.plan is not None
             assert found.diagnosis is not None
             self._other_suspects = other_suspects(found.diagnosis.bad, result)
-            self._judged = by_evidence(found.plan, found.diagnosis.bad)
+            self._taken_as_bad = by_evidence(found.plan, found.diagnosis.bad)
             entries = self._state.sight.entries()
             self._confirming.begins(entries)
             self._doubt()
@@ -351,7 +351,7 @@ class LiveRepair:
         bad = {p.atom.args[0] for p in step.preconditions if p.positive and p.atom.predicate == "bad"}
         if step.name == "power_up" and step.parameters[0] not in self._acts.left_off():
             await self._look_at_power(step)
-        if parts is None or not bad or not bad <= self._judged:
+        if parts is None or not bad or not bad <= self._taken_as_bad:
             return None
         topics = [Atom("ok", (topic,)) for topic in sorted(published(parts, bad))]
         seen = [atom for atom in topics if atom in self._hearing.observed or self._state.sight.reported(atom)]
@@ -377,7 +377,7 @@ class LiveRepair:
         known since, something else is to blame. A busy computer takes a second from a choice to its first
         act, and slower observers speak meanwhile.
         """
-        parts, bad = self._state.system.parts, self._judged
+        parts, bad = self._state.system.parts, self._taken_as_bad
         if parts is None or not bad or self._record.data.get("wanted"):
             return None
         sight = self._state.sight
@@ -501,7 +501,7 @@ class LiveRepair:
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state)
-        tried, left_alone = judged(
+        tried, left_alone = kept_of(
             self._state,
             self._record.id,
             choice,
@@ -514,7 +514,7 @@ class LiveRepair:
         )
         await self._record.end_round(
             *ending,
-            helped=helped and by_itself is None and not undid,
+            helped=tried.helped,
             by_itself=by_itself,
             undid=undid,
             tried=tried,

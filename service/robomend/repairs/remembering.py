@@ -132,7 +132,7 @@ def useless_of(
     return found
 
 
-def judged(
+def kept_of(
     state: Robot,
     repair: str,
     choice: Choice,
@@ -148,6 +148,10 @@ def judged(
 
     What came back by itself is kept as no help, with why: choosing and priors learn nothing from it, and it
     counts only where what does not last is looked for.
+
+    Args:
+        helped: nobody blames any more what the round was for. It is credited with that unless it came back
+            `by_itself`, or the round's acts put out something else (`undid`).
     """
     assert choice.plan is not None
     assert choice.diagnosis is not None

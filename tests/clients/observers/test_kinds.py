@@ -89,6 +89,26 @@ def test_a_preset_has_the_published_numbers_and_a_key_beside_it_counts_more(tmp_
 
 
 @pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("{kind: property, source: x, high: 1}", 0.5),
+        ('{kind: age, atom: "ok(x)", source: x}', 1_764_000_000.0),
+        ("{kind: diagnostic, status: [x], source: x}", [{"name": "x", "level": 0}]),
+    ],
+)
+def test_each_kind_with_readings_keeps_what_a_latched_topic_said_over_a_reset(
+    tmp_path: Path, entry: str, value: object
+) -> None:
+    (spec,) = specs(tmp_path, f"observers: {{x: {entry[:-1]}, latched: true}}}}")
+    observer, now_ns = spec.make(), ns(1_764_000_000)
+    observer.reset(now_ns)
+    for _ in range(3):
+        observer.feed("x", now_ns, value)
+    observer.reset(now_ns + ns(60))
+    assert [str(literal) for literal in observer.check(now_ns + ns(3600))] == ["ok(x)"]
+
+
+@pytest.mark.parametrize(
     ("observer", "complaint"),
     [
         (

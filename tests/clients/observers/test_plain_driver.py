@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.clients.observers.driving import SCAN, Told
-from tests.clients.observers.test_all_kinds import MS, START_NS, eight, happened, stream
+from tests.clients.observers.test_paper_kinds import MS, START_NS, eight, happened, stream
 
 from robomend_client.literals import Atom
 from robomend_client.observers import (
@@ -96,7 +96,7 @@ class PlainDriver:
 
 
 def several() -> list[Observer]:
-    """Return each kind, some of them several times: other periods, one topic, one atom."""
+    """Return the eight of the paper, some of them several times: other periods, one topic, one atom."""
     return [
         *eight(),
         GeneralObserver("odom:x", Rate(20.0, 4.0, check_s=0.5)),
