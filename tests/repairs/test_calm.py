@@ -73,7 +73,13 @@ async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None
     assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
 
 
-async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
+async def said(
+    runtime: Runtime,
+    now_ns: int,
+    by: str = "agent",
+    lifetime_s: float | None = None,
+    **verdicts: tuple[bool, float],
+) -> None:
     """Report topics, good or bad, and for how long they have been so."""
     batch = Batch(
         [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
@@ -81,6 +87,7 @@ async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tup
         time_ns=now_ns,
         since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
         onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
+        lifetime_s=lifetime_s,
     )
     await runtime.robots.observe("r1", batch)
 
@@ -110,6 +117,20 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
         pending = calm._pending()
         assert pending[MAP] > now_ns + 50 * S
         assert SCAN not in pending
+
+
+async def test_what_lapses_between_two_reports_and_never_fell_is_not_back(tmp_path: Path) -> None:
+    """Whoever reports more rarely than its word holds says of nothing that it was away."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        now_ns = CLOCK.now_ns()
+        for ago in range(200, 0, -10):
+            bad_s = 100.5 - ago
+            said_of_map = (bad_s < 0, abs(bad_s))
+            await said(
+                runtime, now_ns - ago * S, lifetime_s=8.0, scan=(True, 1), map=said_of_map, odom=(True, 1)
+            )
+        await said(runtime, now_ns, lifetime_s=8.0, scan=(True, 1), map=(False, 100), odom=(True, 1))
+        assert MAP not in calm._pending()
 
 
 async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(tmp_path: Path) -> None:

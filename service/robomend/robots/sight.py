@@ -409,9 +409,9 @@ class Sight:
             self._bad.clear()
             self._powerless.clear()
             self.power_back.clear()
-        if self._taken_back:
-            for entry in reported:
-                self._taken_back.pop(entry.atom, None)
+        anew = {e.atom for e in reported if e.atom in self._taken_back} if self._taken_back else NOTHING
+        for atom in anew:
+            del self._taken_back[atom]
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
@@ -425,7 +425,10 @@ class Sight:
                 self._fell.pop(atom, None)
             elif held is not None:
                 self._fell[atom] = held
-            if positive and entry.since_ns is not None:
+            cut_off_ns = self.heard_again_ns(entry.source) or 0
+            if positive and held is not None and atom not in anew and cut_off_ns <= held[0]:
+                self._rose[atom] = held  # it lapsed, and nobody said that it fell
+            elif positive and entry.since_ns is not None:
                 self._rose[atom] = (entry.since_ns,)
                 self._risen.add(atom)
             else:
