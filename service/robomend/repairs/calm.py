@@ -193,13 +193,14 @@ class Calm:
             until = {a: since + max(self._may_take_ns(a.args[0], since)) for a, since in began.items()}
             young = {atom: since for atom, since in began.items() if until[atom] > now_ns}
             since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
-            found |= starting(
+            begun = starting(
                 [entry for entry in said if entry.positive or entry.atom in bad],
                 since,
                 lambda name: self._may_take_ns(name, since[name]),
                 lambda name: touched(parts, [name]),
                 lambda name: published(parts, [name]),
                 state.sight.good_ns,
+                lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
@@ -211,6 +212,9 @@ class Calm:
                 lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
             )
+            back = {a: max(begun.get(a, 0), back.get(a, 0)) for a in begun.keys() | back.keys()}
+            back = {atom: self._within(atom, end_ns, now_ns) for atom, end_ns in back.items()}
+            back = {atom: end_ns for atom, end_ns in back.items() if end_ns > now_ns}
             for supply in {name for each in parts.hardware.values() for name in each.fed_by}:
                 fed = published(parts, [supply])  # what is back of it may be the first
                 first_ns = max((risen[topic] for topic in fed & risen.keys()), default=0)
@@ -226,6 +230,15 @@ class Calm:
                     back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
+
+    def _within(self, atom: Atom, end_ns: int, now_ns: int) -> int:
+        """Return until when a topic that fell silent may be back, or earlier where starts that were seen say
+        that it would have been heard by then.
+        """
+        entry = self._state.obs.get(atom)
+        fell_ns = now_ns if entry is None else entry.began_ns
+        known_s = self._state.sight.may_take_s([Literal(atom)], fell_ns, fell_ns)
+        return min(end_ns, now_ns + round(min(known_s, LONGEST_S) * 1e9))
 
     def _began_ns(self, entry: Entry) -> int | None:
         """Return since when something is on, or runs, by who says so or by when it was heard to change."""
