@@ -20,6 +20,7 @@ from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Attendance
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend.robots.declared import declaration
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -235,7 +236,10 @@ async def test_what_is_still_silent_after_the_time_that_it_took_from_its_input_i
             """What is observed now, of what fell so long ago."""
             time_ns = now_ns - round(ago_s * S)
             onset_ns = None if fell_s is None else now_ns - round(fell_s * S)
-            times = {"since": [time_ns] * len(sentences), "onset": [onset_ns] * len(sentences)}
+            times: dict[str, Any] = {
+                "since": [time_ns] * len(sentences),
+                "onset": [onset_ns] * len(sentences),
+            }
             await runtime.robots.observe("r1", Batch(sentences, source="agent", time_ns=time_ns, **times))
 
         await heard(300, "running(mapping)", "running(lidar_node)", "ok(scan)", "ok(map)")
@@ -245,3 +249,19 @@ async def test_what_is_still_silent_after_the_time_that_it_took_from_its_input_i
         assert MAP in calm._pending()
         state.sight.start_ups.recall({"map": [StoredStart(S // 10, S // 10, True)]}, state.system.parts)
         assert MAP not in calm._pending()
+
+
+@pytest.mark.parametrize(("looks", "waits"), [(True, False), (False, True)])
+async def test_what_may_come_back_by_itself_is_not_waited_for_once_it_is_seen_not_to(
+    tmp_path: Path, looks: bool, waits: bool
+) -> None:
+    """Its observer sees silence within half a second, and needs a minute to say that something is well."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
+        slow = {"ok(scan)": (0.5, 60.0)}
+        state.sight.declared.hear(declaration("observers", None, None, slow, state.system.vocabulary))
+        fell_ns, looked_ns = now_ns - 5 * S, now_ns - (S // 2 if looks else 5 * S)
+        batch = Batch(["not ok(scan)"], source="o", time_ns=now_ns, since=[looked_ns], onset=[fell_ns])
+        await runtime.robots.observe("r1", batch)
+        calm._record = cast(Any, SimpleNamespace(data={}))
+        assert (calm._may_be_back_ns(planned("shutdown", "power_up")) > CLOCK.now_ns()) is waits

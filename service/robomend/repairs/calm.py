@@ -29,6 +29,7 @@ from robomend.planning.cures import power_cuts
 from robomend.planning.influence import influenced, needed, published, touched
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import OBSERVED_FACTS, theory_of
+from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
@@ -132,14 +133,17 @@ class Calm:
         """Wait where a plan begins with a cut of power although what it is for may still be back by itself;
         return whether it was waited for.
         """
-        end_ns, asked_of = self._may_be_back_ns(choice.plan), bad_sets(result)
-        if (end_ns - CLOCK.now_ns()) / 1e9 > TELL_S:
-            why = "whether it comes back by itself, before power is cut for it"
-            await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=[])
-        waited = False
-        while bad_sets(result) == asked_of and (left_s := (end_ns - CLOCK.now_ns()) / 1e9) > 0:
+        asked_of, told, waited = bad_sets(result), False, False
+        while bad_sets(result) == asked_of:
+            left_s = (self._may_be_back_ns(choice.plan) - CLOCK.now_ns()) / 1e9
+            if left_s <= 0:
+                break
+            if left_s > TELL_S and not told:
+                told, why = True, "whether it comes back by itself, before power is cut for it"
+                await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=[])
             waited = True
-            await self._signals.unless_halted(self._state.changed(self._state.revision, left_s))
+            seen = self._state.changed(self._state.revision, min(left_s, LOOK_S))
+            await self._signals.unless_halted(seen)
             result = await self._newest()
         return waited
 
@@ -155,8 +159,8 @@ class Calm:
         if not symptoms or not names:
             return 0
         began_ns = min(e.began_ns for e in symptoms)
-        shows_ns = max(sight.delays(e.atom).settling_ns for e in symptoms) + SLACK_NS
-        return began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9) + shows_ns
+        due_ns = began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9)
+        return max(sight.start_ups.told_ns(e.atom, due_ns, sight) for e in symptoms)
 
     def _pending(self) -> dict[Atom, int]:
         """Return the verdicts that are about to come, each with until when."""
