@@ -24,6 +24,7 @@ from robomend.robots.declared import declaration
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading, Symptom
 
 pytestmark = pytest.mark.anyio
 
@@ -75,20 +76,16 @@ async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None
 
 
 async def said(
-    runtime: Runtime,
-    now_ns: int,
-    by: str = "agent",
-    lifetime_s: float | None = None,
-    **verdicts: tuple[bool, float],
+    runtime: Runtime, now_ns: int, by: str = "agent", lives: bool = True, /, **verdicts: tuple[bool, float]
 ) -> None:
-    """Report topics, good or bad, and for how long they have been so."""
+    """Report topics, good or bad, and for how long they have been so; what does not live long lapses."""
     batch = Batch(
         [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
         source=by,
         time_ns=now_ns,
         since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
         onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
-        lifetime_s=lifetime_s,
+        lifetime_s=None if lives else 8.0,
     )
     await runtime.robots.observe("r1", batch)
 
@@ -124,13 +121,11 @@ async def test_what_lapses_between_two_reports_and_never_fell_is_not_back(tmp_pa
     """Whoever reports more rarely than its word holds says of nothing that it was away."""
     async with waiting_for_verdicts(tmp_path) as (runtime, calm):
         now_ns = CLOCK.now_ns()
-        for ago in range(200, 0, -10):
-            bad_s = 100.5 - ago
-            said_of_map = (bad_s < 0, abs(bad_s))
-            await said(
-                runtime, now_ns - ago * S, lifetime_s=8.0, scan=(True, 1), map=said_of_map, odom=(True, 1)
-            )
-        await said(runtime, now_ns, lifetime_s=8.0, scan=(True, 1), map=(False, 100), odom=(True, 1))
+        good = {"scan": (True, 1.0), "odom": (True, 1.0)}
+        for ago_s in range(200, -10, -10):
+            bad_s = 100.5 - ago_s
+            map_ = (bad_s < 0, abs(bad_s))
+            await said(runtime, now_ns - ago_s * S, "agent", False, map=map_, **good)
         assert MAP not in calm._pending()
 
 
@@ -265,3 +260,19 @@ async def test_what_may_come_back_by_itself_is_not_waited_for_once_it_is_seen_no
         await runtime.robots.observe("r1", batch)
         calm._record = cast(Any, SimpleNamespace(data={}))
         assert (calm._may_be_back_ns(planned("shutdown", "power_up")) > CLOCK.now_ns()) is waits
+
+
+@pytest.mark.parametrize("symptom", [Symptom.SILENT, Symptom.SLOW])
+async def test_whoever_is_heard_again_and_goes_on_hearing_nothing_is_believed(
+    tmp_path: Path, symptom: Symptom, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rate is measured over the gap as well, until its observer has settled."""
+    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
+        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
+        slow = {"ok(scan)": (0.5, 60.0)}
+        state.sight.declared.hear(declaration("observers", None, None, slow, state.system.vocabulary))
+        monkeypatch.setattr(type(state.sight), "heard_again_ns", lambda sight, source: now_ns - 2 * S)
+        times: dict[str, Any] = {"since": [now_ns - S // 2], "onset": [now_ns - 9 * S]}
+        times["readings"] = [Reading("bad", symptom=symptom)]
+        await runtime.robots.observe("r1", Batch(["not ok(scan)"], source="o", time_ns=now_ns, **times))
+        assert (SCAN in calm._pending()) is (symptom is Symptom.SLOW)

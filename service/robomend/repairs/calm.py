@@ -36,6 +36,7 @@ from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Symptom
 
 MOST_FLIPS = 32
 """Pending verdicts that are tried one by one; with more, one waits for some of them first."""
@@ -230,6 +231,8 @@ class Calm:
             for entry in symptoms:
                 again_ns = state.sight.heard_again_ns(entry.source) or 0
                 end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
+                if entry.reading is not None and entry.reading.symptom is Symptom.SILENT:
+                    end_ns = state.sight.start_ups.told_ns(entry.atom, again_ns, state.sight)
                 if end_ns > now_ns and entry.began_ns < again_ns:
                     back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
