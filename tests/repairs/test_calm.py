@@ -24,7 +24,6 @@ from robomend.robots.declared import declaration
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
-from robomend_client.readings import Reading, Symptom
 
 pytestmark = pytest.mark.anyio
 
@@ -262,17 +261,15 @@ async def test_what_may_come_back_by_itself_is_not_waited_for_once_it_is_seen_no
         assert (calm._may_be_back_ns(planned("shutdown", "power_up")) > CLOCK.now_ns()) is waits
 
 
-@pytest.mark.parametrize("symptom", [Symptom.SILENT, Symptom.SLOW])
-async def test_whoever_is_heard_again_and_goes_on_hearing_nothing_is_believed(
-    tmp_path: Path, symptom: Symptom, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("rests_on_s", "cut_s", "waits"), [(1, 0.5, False), (5, 0.5, True), (1, 4, True)])
+async def test_whoever_is_heard_again_is_believed_by_what_it_has_heard_since(
+    tmp_path: Path, rests_on_s: int, cut_s: float, waits: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A rate is measured over the gap as well, until its observer has settled."""
+    """It was cut off until 2 s ago, for that long; what it says rests on nothing older than this."""
     async with waiting_for_verdicts(tmp_path) as (runtime, calm):
         state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
-        slow = {"ok(scan)": (0.5, 60.0)}
-        state.sight.declared.hear(declaration("observers", None, None, slow, state.system.vocabulary))
-        monkeypatch.setattr(type(state.sight), "heard_again_ns", lambda sight, source: now_ns - 2 * S)
-        times: dict[str, Any] = {"since": [now_ns - S // 2], "onset": [now_ns - 9 * S]}
-        times["readings"] = [Reading("bad", symptom=symptom)]
+        cut = (now_ns - 2 * S - round(cut_s * S), now_ns - 2 * S)
+        monkeypatch.setattr(type(state.sight), "cut_off", lambda sight, source: cut)
+        times: dict[str, Any] = {"since": [now_ns - rests_on_s * S], "onset": [now_ns - 9 * S]}
         await runtime.robots.observe("r1", Batch(["not ok(scan)"], source="o", time_ns=now_ns, **times))
-        assert (SCAN in calm._pending()) is (symptom is Symptom.SLOW)
+        assert (SCAN in calm._pending()) is waits

@@ -23,7 +23,15 @@ from functools import partial
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.components import ComponentModel
-from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
+from robomend.observations.pending import (
+    GUARD_NS,
+    SLACK_NS,
+    first_fallen,
+    newest_onset,
+    pending,
+    returning,
+    starting,
+)
 from robomend.planning.choice import Choice
 from robomend.planning.cures import power_cuts
 from robomend.planning.influence import influenced, needed, published, touched
@@ -36,7 +44,6 @@ from robomend.repairs.states import RepairTrigger
 from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom, Literal
-from robomend_client.readings import Symptom
 
 MOST_FLIPS = 32
 """Pending verdicts that are tried one by one; with more, one waits for some of them first."""
@@ -227,13 +234,13 @@ class Calm:
                     end_ns = first_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
                     if end_ns > now_ns and entry.began_ns < first_ns:
                         back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
-            # Who is heard again after it was cut off may itself hear again what it says is bad.
+            # Who is heard again after it was cut off may itself hear again what it says is bad, unless that
+            # rests on what came, or did not, since it has been heard for as long as it was cut off.
             for entry in symptoms:
-                again_ns = state.sight.heard_again_ns(entry.source) or 0
+                cut_ns, again_ns = state.sight.cut_off(entry.source)
                 end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
-                if entry.reading is not None and entry.reading.symptom is Symptom.SILENT:
-                    end_ns = state.sight.start_ups.told_ns(entry.atom, again_ns, state.sight)
-                if end_ns > now_ns and entry.began_ns < again_ns:
+                before = (entry.since_ns or 0) <= again_ns + max(again_ns - cut_ns, GUARD_NS)
+                if end_ns > now_ns and entry.began_ns < again_ns and before:
                     back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
@@ -263,7 +270,7 @@ class Calm:
         for entry in said:
             names = entry.atom.args if entry.atom.predicate == "ok" else published(parts, entry.atom.args)
             rose_ns = sight.rose_ns(entry.atom) if entry.atom.predicate == "ok" else None
-            since_ns = max(rose_ns or 0, sight.heard_again_ns(entry.source) or 0)
+            since_ns = max(rose_ns or 0, sight.cut_off(entry.source)[1])
             if entry.positive and since_ns:
                 found |= {name: max(since_ns, found.get(name, 0)) for name in names}
         return found
