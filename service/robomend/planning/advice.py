@@ -98,9 +98,7 @@ def helpful(plan: Plan, diagnosis: Diagnosis, minimal: Sequence[Diagnosis], mode
     return replace(plan, steps=(), cost=0.0, unreachable=(why, *plan.unreachable))
 
 
-UNPOWERED: frozenset[Symptom | None] = frozenset(
-    {Symptom.FAST, Symptom.STILL, Symptom.PUBLISHERS, Symptom.SELF_REPORT}
-)
+UNPOWERED: frozenset[Symptom | None] = frozenset(Symptom) - {Symptom.SILENT, Symptom.ENDED, Symptom.HALTED}
 """Symptoms of what has power and does something: it is not cut for these without a person."""
 
 OTHERS: frozenset[Symptom | None] = frozenset({Symptom.FAST, Symptom.PUBLISHERS})

@@ -69,6 +69,24 @@ def put_out(parts: ComponentModel, components: Iterable[str]) -> frozenset[str]:
     return frozenset(names | topics | {name for name, value in parts.values.items() if value.topic in topics})
 
 
+def reaches(parts: ComponentModel, acted_on: Collection[str], others: Collection[str]) -> bool:
+    """Return whether an act on components can change, by the model, how others work: along its arrows, or as
+    they get their power from the same.
+    """
+    tied = {name for name, node in parts.nodes.items() if not set(acted_on).isdisjoint(node.tied_to)}
+    if not (touched(parts, acted_on) | tied).isdisjoint(put_out(parts, others)):
+        return True
+    return not _power_of(parts, acted_on).isdisjoint(_power_of(parts, others))
+
+
+def _power_of(parts: ComponentModel, components: Iterable[str]) -> set[str]:
+    """Return the devices among the components, those that they drive, and what feeds them."""
+    names = set(components)
+    names |= {device for name in names & parts.nodes.keys() for device in parts.nodes[name].drives}
+    devices = names & parts.hardware.keys()
+    return devices | {feeder for device in devices for feeder in parts.feeders(device)}
+
+
 def influenced(
     parts: ComponentModel, theory: Theory, acted_on: Collection[str], known: Iterable[Atom]
 ) -> frozenset[Atom]:

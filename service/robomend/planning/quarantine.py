@@ -15,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from robomend.model.components import ComponentModel
+from robomend.planning.influence import reaches
 from robomend.planning.tried import S_TO_NS, Attempt
 
 FAILURES = 3
@@ -107,13 +109,18 @@ ALIKE_NS = S_TO_NS
 
 
 def undoing(
-    tried: Iterable[Attempt], again: Attempt, *, patience: Patience = DEFAULT_PATIENCE
+    tried: Iterable[Attempt],
+    again: Attempt,
+    model: ComponentModel,
+    *,
+    patience: Patience = DEFAULT_PATIENCE,
 ) -> tuple[Attempt, ...]:
     """Return the repairs in a row that would begin anew with this one, the oldest first: each brought back
     what it was for, and soon after its acts that failed which the next one was for, in the end what the first
     was for. Nothing where this would do something else, or follows from nothing that was done; nor where
     some of what a repair was for fails again, too: that did not last, and nothing else broke by it. Nor where
-    it may be faults of their own that come in turn: each failed at once, or the whole row twice alike.
+    it may be faults of their own that come in turn: each failed at once, or the whole row twice alike, and
+    one more of them than that where the model knows no way from one to the next.
     """
     row: list[Attempt] = []
     later_ns: list[int] = []  # how long after an action of each the next one's fault began
@@ -123,18 +130,22 @@ def undoing(
         by_it = one.began_ns - BEFORE_NS <= broken.symptom_ns <= one.time_ns + soon_ns
         if not (one.helped and by_it and one.bad.isdisjoint(broken.bad)):
             break
+        if once and one.bad != row[len(row) - once].bad:
+            break
         row.append(one)
         before = (sent for sent in one.sent_ns if sent - BEFORE_NS <= broken.symptom_ns)
         later_ns.append(broken.symptom_ns - max(before, default=one.began_ns))
-        if one.bad == again.bad and set(again.actions) <= set(one.actions):
-            if not once and max(later_ns) <= AT_ONCE_NS:
-                return tuple(reversed(row))
-            if once:
-                alike = all(abs(a - b) <= ALIKE_NS for a, b in zip(later_ns, later_ns[once:], strict=False))
-                return tuple(reversed(row[:once])) if alike and len(row) == 2 * once else ()
+        if not once and one.bad == again.bad and set(again.actions) <= set(one.actions):
             once = len(row)
         broken = one
-    return ()
+    circle = row[:once]
+    hit = zip(circle, [again, *circle], strict=False)
+    known = all(reaches(model, one.bad | one.repaired, other.bad) for one, other in hit)
+    links = once if known else once + 1
+    at_once = len(later_ns) >= links and max(later_ns[:links], default=0) <= AT_ONCE_NS
+    apart_ns = [abs(a - b) for a, b in zip(later_ns, later_ns[once:], strict=False)][:links]
+    alike = len(apart_ns) == links and max(apart_ns, default=0) <= ALIKE_NS
+    return tuple(reversed(circle)) if at_once or alike else ()
 
 
 def downed(

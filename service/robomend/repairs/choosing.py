@@ -251,7 +251,7 @@ class Chooser:
         if (named := choice.diagnosis) is not None:
             symptoms = [one for one in state.sight.entries() if not one.positive]
             began = (began_ns(state, named.bad, symptoms), tuple(down(symptoms).items()))
-            choice = not_undone(choice, memory, *began, situation.patience)
+            choice = not_undone(choice, memory, *began, parts, situation.patience)
         return lasting(choice, result, memory, situation)
 
     def _situation(

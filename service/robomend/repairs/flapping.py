@@ -21,6 +21,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.model.components import ComponentModel
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, makes_good
 from robomend.planning.policy import NODE_ACTIONS
@@ -113,6 +114,7 @@ def not_undone(
     memory: Remembered,
     symptom_ns: int,
     down: tuple[tuple[str, int], ...],
+    parts: ComponentModel,
     patience: Patience,
 ) -> Choice:
     """Return the choice, or that nothing is done, where it would begin a circle of repairs anew of which each
@@ -129,7 +131,7 @@ def not_undone(
     begun = {"actions": cures, "symptom_ns": symptom_ns, "down": down}
     again = Attempt(bad, frozenset(), 0, effect_seen=False, helped=False, **begun)  # type: ignore[arg-type]  # fields by name
     only_nodes = all(step.name in NODE_ACTIONS for step in choice.plan.steps)
-    if row := undoing(memory.all, again, patience=patience):
+    if row := undoing(memory.all, again, parts, patience=patience):
         names = [" and ".join(sorted(one.bad)) for one in row]
         pairs = zip(row, names, [*names[1:], names[0]], strict=True)
         breaks = [f"{_doing(one)} {name} breaks {other}" for one, name, other in pairs]
