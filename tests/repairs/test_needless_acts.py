@@ -45,19 +45,6 @@ async def test_a_second_publisher_is_looked_for_and_no_power_is_cut(tmp_path: Pa
     assert robot.done == expected[symptom]
 
 
-@pytest.mark.parametrize("symptom", [Symptom.SLOW, Symptom.OLD, Symptom.VALUE, Symptom.STILL])
-async def test_power_is_not_cut_without_a_yes_for_what_comes_and_is_wrong(
-    tmp_path: Path, symptom: Symptom
-) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.kinds["ok(odom)"] = symptom
-        await robot.settled()
-        robot.broken_topics.add("odom")
-        repair = await the_repair(runtime, ended=False)
-    assert robot.done == ["stop_node(base_node)", "start_node(base_node)"]
-    assert f"power is not cut for ok(odom) ({symptom}) without a person's yes" in repair["reason"]
-
-
 @dataclass
 class Deaf(Robot):
     """Its mapping is halted: nothing runs by what is observed, and to start it finds it there."""

@@ -98,7 +98,9 @@ def helpful(plan: Plan, diagnosis: Diagnosis, minimal: Sequence[Diagnosis], mode
     return replace(plan, steps=(), cost=0.0, unreachable=(why, *plan.unreachable))
 
 
-UNPOWERED: frozenset[Symptom | None] = frozenset(Symptom) - {Symptom.SILENT, Symptom.ENDED, Symptom.HALTED}
+UNPOWERED: frozenset[Symptom | None] = frozenset(
+    {Symptom.FAST, Symptom.STILL, Symptom.PUBLISHERS, Symptom.SELF_REPORT}
+)
 """Symptoms of what has power and does something: it is not cut for these without a person."""
 
 OTHERS: frozenset[Symptom | None] = frozenset({Symptom.FAST, Symptom.PUBLISHERS})
