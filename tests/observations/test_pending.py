@@ -92,7 +92,7 @@ def test_its_own_topics_are_waited_for_as_long_as_they_take_and_not_for_those_be
 
 
 def test_what_rests_on_what_has_begun_has_its_observers_time_once_that_is_back() -> None:
-    """The scan is back 1 s after its driver began; nothing waits for the other 4 s that it might have taken."""
+    """The scan is back 1 s after its driver began; nobody waits for the 4 s that it might have taken."""
     scan, map_ = Entry(Literal(SCAN), "general", 12 * S), bad(MAP, time=12 * S, onset=8 * S)
     up = 11 * S + GUARD_NS
 
