@@ -1,4 +1,4 @@
-"""What holds of the eight observers of the paper under the driver, whatever they are fed, in whatever order."""
+"""What holds of the eight observers of the paper under the driver, whatever is fed to them, in any order."""
 
 from __future__ import annotations
 
