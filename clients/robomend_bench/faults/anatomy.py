@@ -81,9 +81,7 @@ class Aspect:
     observer: Mapping[str, Any]  # as the agent's file says it
     host: str | None = None
     flows: tuple[str, ...] = ()  # topics without which it is unknown
-    still: tuple[
-        str, ...
-    ] = ()  # topics; it is bad where the value of one of them, and not of all, stands still
+    still: tuple[str, ...] = ()  # topics; it is bad where the value of one, and not of all, stands still
     silent: tuple[str, ...] = ()  # topics; it is bad where one of them is silent
     status: str = ""  # a device; it is bad while that complains
 

@@ -10,15 +10,19 @@ from __future__ import annotations
 
 import reprlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from robomend_client.counts import first_few
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, SECOND, Evidence, WrongKind, ns, number, positive
 from robomend_client.observers.incidents import for_s
 from robomend_client.observers.reading import JudgedReadings, Readings
 from robomend_client.readings import Reading, Symptom
+
+SHOWN = 3
+"""Numbers of an array."""
 
 STAMP = "header.stamp.sec,header.stamp.nanosec"
 
@@ -121,7 +125,7 @@ class ChangingObserver:
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         assert self._since_ns is not None
         assert self._began_ns is not None
-        shown = f"{self._value:g}" if isinstance(self._value, float) else reprlib.repr(self._value)
+        shown = _shown(self._value)
         if self._changed_ns is not None and not self._stands():
             within = f"changes within {self._expected.still_s:g} s"
             value = self._value if isinstance(self._value, (int, float, str)) else shown
@@ -131,6 +135,15 @@ class ChangingObserver:
         limit = f"should change within {self._expected.still_s:g} s"
         begins_ns = max(self._began_ns, self._changed_ns or 0, self._newest_ns - self._still_ns)
         return Evidence(begins_ns, self._changed_ns, Reading(told, "", limit, Symptom.STILL))
+
+
+def _shown(value: object) -> str:
+    """Return a value as a reading has room for it."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, Sequence) and value and all(isinstance(one, (int, float)) for one in value):
+        return first_few([f"{one:.4g}" for one in value], SHOWN)
+    return reprlib.repr(value)
 
 
 @dataclass(frozen=True)

@@ -337,9 +337,7 @@ class Library:
         self._reasons = Reasons(cnf, self._clock)
         self._cost = size_then_odds(cnf) if cnf.priors else int.bit_count
         self._parts: dict[tuple[int, ...], IndependentPart] = {}
-        self._of_sets: dict[
-            bytes, tuple[Answer, Names]
-        ] = {}  # which conflicts apply, as bits -> what is told
+        self._of_sets: dict[bytes, tuple[Answer, Names]] = {}  # which conflicts apply, as bits -> answer
         self._of_rows: dict[tuple[int, ...], Answer] = {}
         self._diagnoses = 0  # of these answers
         self._engine: Engine | None = None

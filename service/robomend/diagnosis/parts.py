@@ -92,9 +92,7 @@ class IndependentPart:
         self.count = 0  # of alternatives behind those found
         self.done = False  # there are no others up to the size that was asked for last
         self.search: HittingSets | None = None
-        self._classes: Mapping[
-            int, int
-        ] = {}  # lowest component, as a mask -> its class, if that holds others
+        self._classes: Mapping[int, int] = {}  # lowest component, as a mask -> its class, if of several
         self._clock: Deadline | None = None
         self._last_size: int | None = None
         self._solving = False  # the search had too many nodes

@@ -57,7 +57,7 @@ class Attempt:
     repaired: frozenset[str]  # every component that the steps done were to make good
     time_ns: int
     effect_seen: bool  # each action's effect was seen
-    helped: bool  # the next diagnosis no longer blamed `bad`, and not soon again
+    helped: bool  # the next diagnosis did not blame `bad`, whoever is credited with that
     actions: tuple[str, ...] = ()  # as text, for people
     cycled: frozenset[str] = frozenset()  # what was to be cured by a power cycle, which seldom is for sure
     began_ns: int = 0  # when it was needed; 0: when it ended

@@ -274,7 +274,7 @@ class Chooser:
             onsets=state.sight.onsets(),
             surely_broken=memory.surely_broken,
             relapses=len(memory.relapses),
-            symptoms=state.sight.kinds(),
+            symptoms=state.sight.kinds_of_symptoms(),
             rates=rates(parts, _modes(result), memory.outcomes),
             power_back=state.sight.power_back,
         )

@@ -246,7 +246,9 @@ class LiveRepair:
         parts, sight = self._state.system.parts, self._state.sight
         if parts is None:
             return frozenset()
-        heard = {atom.args[-1] for atom, kind in sight.kinds().items() if kind is not Symptom.SILENT}
+        heard = {
+            atom.args[-1] for atom, kind in sight.kinds_of_symptoms().items() if kind is not Symptom.SILENT
+        }
         mute = (name for name, node in parts.nodes.items() if heard.isdisjoint(node.publishes))
         return frozenset(name for name in mute if sight.start_ups.started_early(name, parts, sight))
 

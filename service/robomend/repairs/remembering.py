@@ -31,9 +31,7 @@ class Remembered:
 
     tried: tuple[Attempt, ...]  # what helped and did not last is no cure; without what came back by itself
     quarantined: tuple[str, ...]
-    useless: Mapping[
-        frozenset[str], frozenset[str]
-    ]  # diagnosis -> actions that were done, and did not cure it
+    useless: Mapping[frozenset[str], frozenset[str]]  # diagnosis -> actions that did not cure it
     attempts: Mapping[str, int]  # component -> actions on it in the last hour
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
     relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
@@ -162,7 +160,7 @@ def kept_of(
         done=[report.step.index for report in execution.steps if _carried_out(report)],
         time_ns=now,
         effect_seen=execution.effect_seen,
-        helped=helped and by_itself is None and not undid,
+        helped=helped,
         began_ns=min((report.sent_ns for report in execution.steps if report.sent_ns), default=0),
         model=state.system.parts,
     )
@@ -179,12 +177,13 @@ def kept_of(
         "down": down(symptoms),
         **({"undid": [str(atom) for atom in undid]} if undid else {}),
     }
+    credited = helped and by_itself is None and not undid
     if by_itself is not None:
-        return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}), []
-    kept = replace(tried, helped=helped)  # it brought back what it was for, whatever else it did
-    left_alone = quarantined([*memory.tried, kept], now_ns=now)
+        return _stored(tried, state.id, repair, {**ended, "by_itself": by_itself}, credited=credited), []
+    left_alone = quarantined([*memory.tried, tried], now_ns=now)
     new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
-    return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
+    kept = _stored(tried, state.id, repair, ended, credited=credited)
+    return kept, set_aside(state.id, new, now, execution.reason)
 
 
 def _carried_out(report: StepReport) -> bool:
@@ -303,13 +302,15 @@ def down(symptoms: Iterable[Entry]) -> dict[str, int]:
     return {one.atom.args[0]: one.began_ns for one in symptoms if one.atom.predicate == Node.state}
 
 
-def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> StoredAttempt:
+def _stored(
+    tried: Attempt, robot: str, repair: str, data: Mapping[str, Any], *, credited: bool
+) -> StoredAttempt:
     """Return an attempt as the store keeps it."""
     return StoredAttempt(
         robot=robot,
         bad=tuple(sorted(tried.bad)),
         actions=tried.actions,
-        helped=tried.helped,
+        helped=credited,
         effect_seen=tried.effect_seen,
         repair=repair,
         time_ns=tried.time_ns,

@@ -23,7 +23,7 @@ from robomend.observations.language import Unknown, parse
 from robomend.observations.obs import Obs
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.evidence import Dating, check_parallel
+from robomend.robots.dating import Dating, check_parallel
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
@@ -134,7 +134,7 @@ class Words:
 
 
 async def read_batches(
-    words: Words, batches: Sequence[Batch], readers: Readers, evidence: Dating, by: str
+    words: Words, batches: Sequence[Batch], readers: Readers, dating: Dating, by: str
 ) -> Update:
     """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
@@ -153,23 +153,23 @@ async def read_batches(
         source = given.source or by
         batch = given.later(_set_back_ns(given, now_ns))
         at_ns = _time_ns(batch, now_ns)
-        rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
+        rests_on = dating.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
         readings = batch.readings
         check_parallel("readings", readings, len(batch.observations))
-        behind_ns = evidence.clocks.behind_ns(source)
+        behind_ns = dating.clocks.behind_ns(source)
         if behind_ns:
             batch = batch.later(behind_ns)
             at_ns = _time_ns(batch, now_ns)
         expires_ns = None
         if batch.lifetime_s is not None:
-            expires_ns = at_ns + round(batch.lifetime_s * 1e9) + evidence.clocks.lives_on_ns(source)
+            expires_ns = at_ns + round(batch.lifetime_s * 1e9) + dating.clocks.lives_on_ns(source)
         # A stamp ahead of us is a clock that is ahead; taken as it is, it would outlive what is said when the
         # clock is right again.
         at_ns = min(at_ns, now_ns)
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
-                    held = newest.get((literal.atom, source)) or evidence.obs.word(literal.atom, source)
+                    held = newest.get((literal.atom, source)) or dating.obs.word(literal.atom, source)
                     # What another source says of it, or this one has said since, still stands.
                     if held is not None and held.source == source and held.time_ns <= at_ns:
                         retracted[literal.atom, source] = None

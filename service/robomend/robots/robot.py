@@ -538,7 +538,7 @@ class Robot:
             self._worsened = self._head + 1
         self.measured.hear(update.entries, CLOCK.now_ns())
         known = [entry for entry in changed if not entry.contradicted]
-        self.sight.heard(update.entries, known)
+        self.sight.spoken(update.entries, known)
         self.sight.hear(update.entries, known)
         self.sight.start_ups.hear(known, self.system.parts, self.sight)
         return Taken(changed, tuple(renewed.values()), left.gone)

@@ -304,7 +304,7 @@ class Robots:
         """
 
         def read(state: Robot) -> Awaitable[Update]:
-            return read_batches(state.words, batches, self.readers, state.sight.evidence(), by.name)
+            return read_batches(state.words, batches, self.readers, state.sight.dating(), by.name)
 
         state = self.memory.at_hand(robot) or await self.memory.robot(robot)
         generation = state.generation

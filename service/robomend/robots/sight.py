@@ -31,8 +31,8 @@ from robomend.observations.pending import (
 from robomend.planning.influence import needed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
+from robomend.robots.dating import Dating, SourceClocks, Twins
 from robomend.robots.declared import DeclaredAgents, Delays
-from robomend.robots.evidence import Dating, SourceClocks, Twins
 from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import BOARD
@@ -92,9 +92,7 @@ class Sight:
         self._clocks = SourceClocks(robot.id)
         self._heard = LastHeard()
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
-        self._rose: dict[
-            Atom, tuple[int, ...]
-        ] = {}  # what holds -> since when, as it began to, and a bit later
+        self._rose: dict[Atom, tuple[int, ...]] = {}  # what holds -> since when: first, and a bit later
         self._fell: dict[Atom, tuple[int, ...]] = {}  # what holds no more -> the same, of when it did
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._bad: dict[Atom, int] = {}  # what did not hold -> since when, the last time
@@ -206,7 +204,7 @@ class Sight:
                 least_s = max(least_s, (entry.expires_ns + lives_ns - now_ns) / 1e9)
         return least_s
 
-    def kinds(self) -> dict[Atom, Symptom]:
+    def kinds_of_symptoms(self) -> dict[Atom, Symptom]:
         """Return in which way what does not hold now is bad, where its observer says that."""
         return {
             entry.atom: entry.reading.symptom
@@ -438,7 +436,7 @@ class Sight:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)
 
-    def heard(self, reported: Iterable[Entry], changed: Iterable[Entry]) -> None:
+    def spoken(self, reported: Iterable[Entry], changed: Iterable[Entry]) -> None:
         """Take note of who has spoken just now, whether it was news or not."""
         new, now_ns = frozenset(entry.atom for entry in changed), CLOCK.now_ns()
         spoke: dict[str, tuple[int, bool, int]] = {}
@@ -543,7 +541,7 @@ class Sight:
         by_ours = time_ns + max(0, self._clocks.lives_on_ns(source))
         return min(by_ours, CLOCK.now_ns()) - CLOCK.ahead_ns
 
-    def evidence(self) -> Dating:
+    def dating(self) -> Dating:
         """Return what dates the observations of a batch."""
         return Dating(self._robot.obs, self._clocks, self._usual_ns, self.twins)
 

@@ -382,9 +382,7 @@ class Ownership:
         self._store = store
         self._session = session
         self._held: dict[str, Fence] = {}
-        self._known: dict[
-            str, tuple[str, int]
-        ] = {}  # robot -> our name, and naps, when it was ours for certain
+        self._known: dict[str, tuple[str, int]] = {}  # robot -> our name and naps when it was surely ours
         self._callbacks: list[Callable[[Fence], None]] = []
         self._heart: asyncio.Task[None] | None = None
         self._turning: asyncio.Task[None] | None = None

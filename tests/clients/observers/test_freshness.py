@@ -38,6 +38,13 @@ def imu(stillness: Stillness | None = None) -> Driver:
     return Driver([ChangingObserver("ok(moves,imu)", "imu:z", stillness)], ns(T0))
 
 
+def test_of_an_array_that_stands_still_the_first_numbers_are_shown() -> None:
+    driver = imu()
+    beat(driver, "imu:z", lambda t: [t, 2.0], 0, 20)
+    beat(driver, "imu:z", lambda t: [2.0062029361724854, 2.0, *[1.5] * 18], 20, 40)
+    assert str(driver.standing()[0].reading).startswith("z stands still at 2.006, 2, 1.5 and 17 more since ")
+
+
 def test_a_value_that_stands_still_is_a_fault_and_says_since_when() -> None:
     driver = imu()
     assert values(beat(driver, "imu:z", lambda t: t, 0, 20)) == ["ok(moves,imu)"]

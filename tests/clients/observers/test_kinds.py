@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from textwrap import dedent
@@ -86,6 +87,15 @@ def test_a_preset_has_the_published_numbers_and_a_key_beside_it_counts_more(tmp_
     assert made("{kind: general, preset: published}").detection_s == 2.5
     assert made("{kind: general, preset: published, silence_s: 3}").detection_s == 3.5
     assert made("{kind: diagnostic, status: [a], preset: published}").settling_s == 2
+
+
+def test_no_kind_that_has_the_key_latched_passes_it_over(tmp_path: Path) -> None:
+    heeds = {}
+    for line in EVERY_KIND.splitlines()[1:]:
+        with suppress(ConfigError):  # most do not have it
+            (spec,) = specs(tmp_path, f"observers:\n{line[:-1]}, latched: true}}\n")
+            heeds[spec.kind] = getattr(spec.make(), "latched", False)
+    assert heeds == dict.fromkeys(heeds, True) != {}
 
 
 @pytest.mark.parametrize(

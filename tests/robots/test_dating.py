@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
+from robomend.robots.dating import ENOUGH, Dating, RestsOn, SourceClocks, Twins
 from robomend.robots.declared import Declaration, DeclaredAgents, Delays
-from robomend.robots.evidence import ENOUGH, Dating, RestsOn, SourceClocks, Twins
 from robomend.robots.sight import Sight
 from robomend_client.literals import Atom, Literal
 from robomend_client.readings import Reading, Symptom

@@ -31,7 +31,7 @@ from robomend_client.literals import Literal
 # them. So it is too, and at once, where our own clock is ahead of the computer's: it was set back, and goes
 # on from where it was (robomend_client.clock), so that correct stamps would count as old. Jumps are logged.
 
-log = structlog.get_logger("robomend.robots.evidence")
+log = structlog.get_logger("robomend.robots.dating")
 
 LATEST = 16
 """Batches of a source that are looked at."""
