@@ -29,7 +29,6 @@ p wcnf 5 6 3
 
 def test_components_observations_and_the_rest_are_numbered_in_turn() -> None:
     read = parse_wcnf(INVERTERS.splitlines(), "inverters")
-    assert read.mutated == "second"
     assert read.cnf.components == ("4", "5")
     assert [str(atom) for atom in read.cnf.atoms] == ["v(1)", "v(3)"]
     assert read.cnf.clauses[0] == (-1, 3, 5)

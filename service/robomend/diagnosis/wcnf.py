@@ -1,6 +1,6 @@
 """The WCNF files of several observations, as published with the IJCAI 2019 paper, read into our values.
 
-    c mutated gates: 16          comments; the first names the gate that was changed to make the observations
+    c mutated gates: 16          a comment
     o 1 -2 -3 0                  one snapshot: literals that were observed
     p wcnf 17 22 7               variables, clauses, the weight of a hard clause
     1 7 0                        soft unit clause: variable 7 is true when component "7" is healthy
@@ -31,7 +31,6 @@ class SnapshotFile:
 
     cnf: HealthCnf
     snapshots: tuple[tuple[Literal, ...], ...]
-    mutated: str | None  # as the comment says: a gate's name, not a variable
 
 
 def read_wcnf(path: Path) -> SnapshotFile:
@@ -58,7 +57,6 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
     """Read the lines of such a file; `file` is named in errors."""
     top: int | None = None
     variables = 0
-    mutated: str | None = None
     hard: list[list[int]] = []
     health: list[int] = []
     snapshots: list[list[int]] = []
@@ -74,15 +72,11 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
                 raise ModelError("a soft clause must be one positive literal, its component", file, number)
             continue
         kind, _, rest = line.partition(" ")
-        if kind == "c":
-            key, colon, value = rest.partition(":")
-            if colon and key.strip() == "mutated gates":
-                mutated = value.strip()
-        elif kind == "p":
+        if kind == "p":
             top, variables = _header(rest, file, number)
         elif kind == "o":
             snapshots.append(_integers(rest, file, number, observed.__getitem__))
-        elif kind:
+        elif kind not in {"", "c"}:
             if top is None:
                 raise ModelError("a clause before the line 'p wcnf …'", file, number)
             raise ModelError("a clause begins with its weight, a number", file, number)
@@ -91,7 +85,7 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
     if len(set(health)) < len(health):
         raise ModelError("two soft clauses name one component", file)
     seen = frozenset(observed.values()) - {0}
-    return _compiled(name, hard, health, snapshots, seen, variables, mutated)
+    return _compiled(name, hard, health, snapshots, seen, variables)
 
 
 def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
@@ -126,7 +120,6 @@ def _compiled(
     snapshots: list[list[int]],
     seen: frozenset[int],
     variables: int,
-    mutated: str | None,
 ) -> SnapshotFile:
     """Number health first, then what is observed, then the rest, as HealthCnf wants it."""
     mentioned = set(map(abs, set[int]().union(*hard)))
@@ -165,5 +158,4 @@ def _compiled(
             weak=all(map(is_health.isdisjoint, hard)),
         ),
         tuple([tuple([literals[number] for number in snapshot]) for snapshot in snapshots]),
-        mutated,
     )
