@@ -249,9 +249,11 @@ class Calm:
         """Return until when a topic that fell silent may be back, or earlier where starts that were seen say
         that it would have been heard by then.
         """
-        entry = self._state.obs.get(atom)
-        fell_ns = now_ns if entry is None else entry.began_ns
-        known_s = self._state.sight.may_take_s([Literal(atom)], fell_ns, fell_ns)
+        sight, entries = self._state.sight, self._state.obs.entries()
+        fell_ns = max((entry.began_ns for entry in entries if entry.atom == atom), default=now_ns)
+        if any(sight.cut_off(entry.source)[1] > fell_ns for entry in entries):
+            return end_ns  # what is well over there may not have come through yet
+        known_s = sight.may_take_s([Literal(atom)], fell_ns, fell_ns)
         return min(end_ns, now_ns + round(min(known_s, LONGEST_S) * 1e9))
 
     def _began_ns(self, entry: Entry) -> int | None:
