@@ -15,6 +15,7 @@ import logging
 import os
 import re
 import socket
+import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -43,6 +44,9 @@ FROM_ENVIRONMENT = "environment"
 
 ROUTER = "tcp/localhost:7447"
 """Where rmw_zenoh's router is."""
+
+PIP = f"{sys.executable} -m pip install"
+"""Into the environment that we run in, which need not be the shell's."""
 
 DEFAULT_PORT = 8600
 FIND_S, FIND_MOST_S = 3.0, 13.0
@@ -413,7 +417,8 @@ class _Attached:
         seen_s: dict[str, float] = {}
         heard_s: dict[str, float] = {}
         behind_s: dict[str, tuple[int, float]] = {}  # how many topics at least, and since when
-        click.echo(f"looking for a robot: {', '.join(hearings) or 'nowhere'} …", err=True)
+        if hearings:
+            click.echo(f"looking for a robot: {', '.join(hearings)} …", err=True)
         there: dict[str, list[str]] = {}
         while (waited_s < FIND_MOST_S or there) and hearings:
             self._interrupts.check()
@@ -450,6 +455,7 @@ class _Attached:
 
     async def _hear(self, hearing: Hearing, task: asyncio.Task[None], began_s: float) -> Heard:
         wanted = self.wanted
+        click.echo("what comes now is taken as normal: the robot should be well, and do its work", err=True)
         with _table() as shown:
             while (left_s := began_s + wanted.seconds - time.monotonic()) > 0:
                 self._interrupts.check()
@@ -487,10 +493,12 @@ class _Attached:
                     self._interrupts.check()
                     stage.check()
                     with contextlib.suppress(ClientError):
-                        now = await asyncio.to_thread(_state, client, self.wanted.name)
+                        now, headline = await asyncio.to_thread(_state, client, self.wanted.name)
                         if now != said:
                             after_s = time.monotonic() - self._began_s
                             click.echo(f"{time.strftime('%H:%M:%S')} ({after_s:.0f} s) {now}")
+                            if ":" in now:
+                                click.echo(f"    {headline}")
                             said = now
                     if time.monotonic() - looked_s > JOIN_LOOK_S and not listening.done():
                         looked_s = time.monotonic()
@@ -599,13 +607,14 @@ def plugged_in(folder: Path = Path("/dev")) -> dict[str, HeardDevice]:
     return found
 
 
-def _state(client: Any, robot: str) -> str:
-    """Return how the robot is, in a line."""
-    state = str(client.robot(robot).value["state"])
+def _state(client: Any, robot: str) -> tuple[str, str]:
+    """Return how the robot is, in a few words and in a sentence."""
+    read = client.robot(robot).value
+    state = str(read["state"])
     result = client.diagnosis(robot).get("result") or {}
     bad = [" and ".join(one["bad"]) for one in result.get("diagnoses", ()) if one["bad"]]
     more = f" (or {len(bad) - 1} more)" if len(bad) > 1 else ""
-    return f"{state}: {bad[0]}{more}" if bad else state
+    return f"{state}: {bad[0]}{more}" if bad else state, str(read["headline"])
 
 
 # --- what is there ----------------------------------------------------------------------------------------
@@ -622,7 +631,7 @@ async def _candidates(wanted: Wanted) -> tuple[dict[str, Callable[..., Hearing]]
     if wanted.zenoh is not None:
         domain, endpoint = _domain(None), wanted.zenoh
         if not all(map(find_spec, ("zenoh", "xxhash", "rosbags"))):
-            return {}, ["zenoh needs what is installed with: pip install 'robomend-client[zenoh]'"]
+            return {}, [f"zenoh needs what is installed with: {PIP} 'robomend-client[zenoh]'"]
         from robomend_client.bridges.hearing import ZenohHearing
 
         return {f"domain {domain} at {endpoint}": lambda known=(): ZenohHearing(domain, endpoint, known)}, []
@@ -633,7 +642,7 @@ async def _candidates(wanted: Wanted) -> tuple[dict[str, Callable[..., Hearing]]
 
             found[f"domain {domain} of ROS 2"] = lambda known=(): Ros2Hearing(domain, known)
         else:
-            why_not.append("ROS 2 needs what is installed with: pip install 'robomend-client[ros2]'")
+            why_not.append(f"ROS 2 needs what is installed with: {PIP} 'robomend-client[ros2]'")
     if wanted.ros2 is None:
         from robomend_client.bridges.ros1.master import Master
         from robomend_client.bridges.ros1.xmlrpc import OutOfReach, PeerError, address_of
@@ -653,7 +662,7 @@ async def _candidates(wanted: Wanted) -> tuple[dict[str, Callable[..., Hearing]]
 
                 found[f"the master at {uri}"] = lambda known=(): Ros1Hearing(uri, known)
             else:
-                why_not.append("ROS 1 needs what is installed with: pip install 'robomend-client[ros1]'")
+                why_not.append(f"ROS 1 needs what is installed with: {PIP} 'robomend-client[ros1]'")
     return found, why_not
 
 
@@ -878,7 +887,7 @@ def _write(
                     continue
             _replace(path, new)
             if not quietly:
-                click.echo(f"wrote {path}", err=True)
+                click.echo(f"wrote {path.absolute()}", err=True)
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be written: {error.strerror}") from error
     return {} if others else written

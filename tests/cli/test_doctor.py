@@ -96,7 +96,7 @@ def test_without_a_service_the_database_says_what_it_knows_of_a_robot(
         service.with_robot("r2", board={"host": "127.0.0.1", "port": 1}, observed=["ok(scan)"])
     _, said = said_of_the_robot(["--robot", "r1", "--data", str(tmp_path)], capsys)
     assert said[0].startswith("power_up: nobody carries it out: the robot has no `board`")
-    assert "nobody has reported ok(scan), which `observed` says that observers will report" in said
+    assert "nobody reports ok(scan), which `observed` says that observers do" in said
     _, said = said_of_the_robot(["--robot", "r2", "--data", str(tmp_path)], capsys)
     assert not [one for one in said if "nobody carries it out" in one]
 

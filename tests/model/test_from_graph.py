@@ -242,6 +242,7 @@ def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_abo
         "cpu": status(0, "/monitor"),
         "disk": status(1, "/monitor"),
         "odd": status(0, "/elsewhere"),
+        "robomend: lidar": status(0, "/elsewhere"),  # of another agent, which tells ROS of its diagnosis
     }
     made = first_model(heard({}, nodes, statuses=statuses), "rover")
     entries = made.entries.observers
@@ -252,6 +253,7 @@ def test_statuses_are_put_to_their_nodes_and_those_that_are_not_ok_are_asked_abo
     assert "'not ab(b/lidar) -> ok(lidar_scan)'" in made.text
     assert "the status 'disk' said WARN: is that so by design?" in made.asked
     assert "of which node does the status 'odd' speak?" in made.asked
+    assert "robomend: lidar" not in " ".join((*made.asked, made.text))
     load_text(made.text)
 
 

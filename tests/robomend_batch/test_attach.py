@@ -194,6 +194,7 @@ def test_a_robot_with_ros_2_is_healthy_and_what_its_nodes_show_is_put_to_them(tm
             for node, (plant, undo) in faults.items():
                 plant()
                 attach.until_said(rf"unhealthy: {node}$")
+                attach.until_said(r"^    .* A person is needed: robomend only observes it\.$")
                 undo()
                 until(lambda: re.search(r"\) healthy\n\Z", attach.said), f"{node}: {attach.said}", MOST_S)
             for one in list(ros.nodes.values()):

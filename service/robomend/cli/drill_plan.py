@@ -12,6 +12,7 @@ import click
 from robomend.cli.remote.connection import asking
 from robomend.cli.tables import diagnoses
 from robomend.errors import InputError
+from robomend_client.counts import first_few
 
 if TYPE_CHECKING:
     from robomend.model.components import ComponentModel
@@ -24,6 +25,9 @@ DRILLS = 200
 
 MOST_ARROWS = 20
 """Of the arrows that are only believed, so many are printed."""
+
+MOST_NAMES = 6
+"""Of the faults that are never planted for one reason."""
 
 
 class DrillPlan(NamedTuple):
@@ -176,10 +180,6 @@ def show_plan(robot: str, plan: DrillPlan) -> None:
             click.echo(f"      shows {shows}\n      {promised(fault)}")
             if fault.remedies:
                 click.echo(f"      remedies of the model: {', '.join(fault.remedies)}")
-    click.echo()
-    for fault in plan.faults:
-        if fault.refused is not None:
-            click.echo(f"never: {fault.name}: {fault.act}: {fault.refused}")
     if not plan.complete:
         click.echo(f"there are more: the first {len(plan.faults)} are shown")
     if plan.believed:
@@ -189,6 +189,13 @@ def show_plan(robot: str, plan: DrillPlan) -> None:
         click.echo(f"  {arrow['topic']} rests on {arrow['rests_on']}: {by} would show it")
     if (more := len(plan.believed) - MOST_ARROWS) > 0:
         click.echo(f"  and {more} more")
+    never: dict[str, list[str]] = {}
+    for fault in plan.faults:
+        if fault.refused is not None:
+            never.setdefault(fault.refused, []).append(fault.name)
+    click.echo()
+    for why, names in never.items():
+        click.echo(f"never: {first_few(names, MOST_NAMES)}: {why}")
 
 
 def promised(fault: PlantableFault) -> str:

@@ -119,4 +119,4 @@ def nobody_for(fault: Plantable, agents: Collection[Declaration]) -> str | None:
     if any(agent.can is None or wanted & agent.can for agent in agents):
         return None
     has = "watches it on a bus of its own" if fault.topic else "supervises it"
-    return f"nobody could plant it in {target}: no agent of the robot {has}"
+    return f"nobody could plant it: no agent of the robot {has}"

@@ -57,6 +57,9 @@ PLUMBING = (
 )
 """Topics of ROS and of robomend, which say nothing about the robot's own work."""
 
+OUR_STATUS = "robomend: "
+"""Begins the names of the statuses in which an agent tells ROS of the diagnosis."""
+
 ACTION = re.compile(r"(?:Action(?:Goal|Result|Feedback)|actionlib_msgs/(?:msg/)?\w+)\Z")
 """Types of topics that are published when somebody acts."""
 
@@ -585,6 +588,8 @@ class _Draft:
         taken = {name.removeprefix("/") for name in (*self.nodes, *self.topics)}
         statuses, blamed = {}, {}
         for status, found in sorted(self.heard.statuses.items()):
+            if status.startswith(OUR_STATUS):
+                continue
             ours = [publisher for publisher in found.publishers if publisher in self.nodes]
             node = speaker(status, ours, self.nodes)
             if self.listened and not found.publishers and not found.topic.count:

@@ -242,7 +242,7 @@ def _unobserved(state: Robot) -> Iterator[str]:
     observed = _observed(state.config, state)
     silent = [str(atom) for atom in sorted(observed) if state.obs.get(atom) is None]
     if silent:
-        yield f"nobody has reported {_some(silent)}, which `observed` says that observers will report"
+        yield f"nobody reports {_some(silent)}, which `observed` says that observers do"
     parts = state.system.parts
     if parts is None:
         return

@@ -19,7 +19,7 @@ def test_a_robot_is_configured_and_its_configuration_comes_back_as_a_file(
     assert code == 0
     assert narrow(out)
     assert out.startswith(f"robot {robot}: created\n")
-    assert "note: nobody has reported ok(scan)" in out
+    assert "note: nobody reports ok(scan)" in out
     _, text, _ = say("robot", "get", robot)
     file = tmp_path / "back.yaml"
     file.write_text(text)

@@ -120,7 +120,8 @@ def said(
             "service runs, makes one"
         )
     if isinstance(error, errors.NotFound):
-        return InputError(_unknown(client, robot, repair) or error.detail)
+        unknown = _unknown(client, robot, repair)
+        return InputError(f"{url}: {unknown}" if unknown else error.detail)
     if isinstance(error, errors.PreconditionFailed):
         return InputError("somebody else changed it meanwhile: look at it, and say it again")
     if isinstance(error, errors.ServiceFailed):
