@@ -52,7 +52,6 @@ def begun(
     good: dict[Atom, tuple[int, ...]] | None = None,
     unseen: tuple[str, ...] = (),
     own_s: int = 5,
-    settles_s: int = 5,
 ) -> dict[Atom, int]:
     """Ask of a driver of the scan, and the mapping that makes a map of it; what rests on what they publish
     may take 5 s to show that they have started.
@@ -66,7 +65,6 @@ def begun(
         rests_on.__getitem__,
         own.__getitem__,
         lambda entry: (good or {}).get(entry.atom, ()),
-        lambda _: settles_s * S,
         now,
         unseen,
     )
@@ -89,18 +87,6 @@ def test_its_own_topics_are_waited_for_as_long_as_they_take_and_not_for_those_be
     scan, map_ = (bad(atom, time=12 * S, onset=8 * S) for atom in (SCAN, MAP))
     assert begun([scan, map_], {"driver": 10 * S}, 12 * S, own_s=3) == {SCAN: 13 * S, MAP: 15 * S}
     assert begun([scan, map_], {"driver": 10 * S}, 13 * S, own_s=3) == {MAP: 15 * S}
-
-
-def test_what_rests_on_what_has_begun_has_its_observers_time_once_that_is_back() -> None:
-    """The scan is back 1 s after its driver began; nobody waits for the 4 s that it might have taken."""
-    scan, map_ = Entry(Literal(SCAN), "general", 12 * S), bad(MAP, time=12 * S, onset=8 * S)
-    up = 11 * S + GUARD_NS
-
-    def pending_at(now: int) -> dict[Atom, int]:
-        return begun([scan, map_], {"driver": 10 * S}, now, {SCAN: (11 * S,)}, settles_s=2)
-
-    assert pending_at(12 * S) == {MAP: up + 2 * S + SLACK_NS}
-    assert pending_at(up + 2 * S + SLACK_NS) == {}
 
 
 def test_of_a_driver_that_nobody_observes_what_came_up_after_it_shows_that_it_is_up() -> None:

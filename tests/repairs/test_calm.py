@@ -20,7 +20,6 @@ from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
-from robomend.robots.declared import declaration
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
@@ -74,17 +73,14 @@ async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None
     assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
 
 
-async def said(
-    runtime: Runtime, now_ns: int, by: str = "agent", lives: bool = True, /, **verdicts: tuple[bool, float]
-) -> None:
-    """Report topics, good or bad, and for how long they have been so; what does not live long lapses."""
+async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
+    """Report topics, good or bad, and for how long they have been so."""
     batch = Batch(
         [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
         source=by,
         time_ns=now_ns,
         since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
         onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
-        lifetime_s=None if lives else 8.0,
     )
     await runtime.robots.observe("r1", batch)
 
@@ -114,18 +110,6 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
         pending = calm._pending()
         assert pending[MAP] > now_ns + 50 * S
         assert SCAN not in pending
-
-
-async def test_what_lapses_between_two_reports_and_never_fell_is_not_back(tmp_path: Path) -> None:
-    """Whoever reports more rarely than its word holds says of nothing that it was away."""
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        now_ns = CLOCK.now_ns()
-        good = {"scan": (True, 1.0), "odom": (True, 1.0)}
-        for ago_s in range(200, -10, -10):
-            bad_s = 100.5 - ago_s
-            map_ = (bad_s < 0, abs(bad_s))
-            await said(runtime, now_ns - ago_s * S, "agent", False, map=map_, **good)
-        assert MAP not in calm._pending()
 
 
 async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(tmp_path: Path) -> None:
@@ -216,69 +200,3 @@ async def test_what_rests_on_what_was_started_is_judged_anew_once_that_is_back(t
                 )
         await said(runtime, now_ns, scan=(True, 2), map=(False, 3))
         assert calm._pending()[MAP] > now_ns + 50 * S
-
-
-async def test_what_is_still_silent_after_the_time_that_it_took_from_its_input_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The scan is back, and whoever makes the map of it is known to need a tenth of a second for that.
-
-    After a link was down, what is well on its other side may not have come through yet.
-    """
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
-        assert state.system.parts is not None
-
-        async def heard(ago_s: float, *sentences: str, fell_s: float | None = None, by: str = "near") -> None:
-            """What is observed now, of what fell so long ago."""
-            time_ns = now_ns - round(ago_s * S)
-            onset_ns = None if fell_s is None else now_ns - round(fell_s * S)
-            times: dict[str, Any] = {
-                "since": [time_ns] * len(sentences),
-                "onset": [onset_ns] * len(sentences),
-            }
-            await runtime.robots.observe("r1", Batch(sentences, source=by, time_ns=time_ns, **times))
-
-        await heard(300, "running(mapping)", "running(lidar_node)", "ok(map)")
-        await heard(300, "ok(scan)", by="far")
-        await heard(9, "not ok(scan)", fell_s=10, by="far")
-        await heard(9, "not ok(map)", fell_s=10)
-        await heard(3, "ok(scan)", by="far")
-        await heard(0.1, "not ok(map)", fell_s=10)
-        assert MAP in calm._pending()
-        state.sight.start_ups.recall({"map": [StoredStart(S // 10, S // 10, True)]}, state.system.parts)
-        assert MAP not in calm._pending()
-        monkeypatch.setattr(
-            type(state.sight), "cut_off", lambda _, by: (0, now_ns - S) if by == "far" else (0, 0)
-        )
-        assert MAP in calm._pending()
-
-
-@pytest.mark.parametrize(("looks", "waits"), [(True, False), (False, True)])
-async def test_what_may_come_back_by_itself_is_not_waited_for_once_it_is_seen_not_to(
-    tmp_path: Path, looks: bool, waits: bool
-) -> None:
-    """Its observer sees silence within half a second, and needs a minute to say that something is well."""
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
-        slow = {"ok(scan)": (0.5, 60.0)}
-        state.sight.declared.hear(declaration("observers", None, None, slow, state.system.vocabulary))
-        fell_ns, looked_ns = now_ns - 5 * S, now_ns - (S // 2 if looks else 5 * S)
-        batch = Batch(["not ok(scan)"], source="o", time_ns=now_ns, since=[looked_ns], onset=[fell_ns])
-        await runtime.robots.observe("r1", batch)
-        calm._record = cast(Any, SimpleNamespace(data={}))
-        assert (calm._may_be_back_ns(planned("shutdown", "power_up")) > CLOCK.now_ns()) is waits
-
-
-@pytest.mark.parametrize(("rests_on_s", "cut_s", "waits"), [(1, 0.5, False), (5, 0.5, True), (1, 4, True)])
-async def test_whoever_is_heard_again_is_believed_by_what_it_has_heard_since(
-    tmp_path: Path, rests_on_s: int, cut_s: float, waits: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It was cut off until 2 s ago, for that long; what it says rests on nothing older than this."""
-    async with waiting_for_verdicts(tmp_path) as (runtime, calm):
-        state, now_ns = await runtime.robots.memory.robot("r1"), CLOCK.now_ns()
-        cut = (now_ns - 2 * S - round(cut_s * S), now_ns - 2 * S)
-        monkeypatch.setattr(type(state.sight), "cut_off", lambda sight, source: cut)
-        times: dict[str, Any] = {"since": [now_ns - rests_on_s * S], "onset": [now_ns - 9 * S]}
-        await runtime.robots.observe("r1", Batch(["not ok(scan)"], source="o", time_ns=now_ns, **times))
-        assert (SCAN in calm._pending()) is waits

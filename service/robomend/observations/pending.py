@@ -268,13 +268,10 @@ def starting(
     influences: Callable[[str], Collection[str]],
     publishes: Callable[[str], Collection[str]],
     good_ns: Callable[[Entry], Collection[int]],
-    settling_ns: Callable[[Atom], int],
     now_ns: int,
     unseen: Collection[str] = (),
 ) -> dict[Atom, int]:
     """Return those of the symptoms that may be due to something that has just been started, with until when.
-
-    Once its own topics are back, what rests on them has no more than its observer's time (see `returning`).
 
     Args:
         known: what is observed; what does not hold of it are the symptoms.
@@ -285,7 +282,6 @@ def starting(
         publishes: component -> the topics that are its own, or its drivers'.
         good_ns: what is known -> times since when it is known to have held all along, until it fell if it
             has.
-        settling_ns: what an observer needs to judge anew.
         unseen: components that nobody saw begin: they were first heard of as they are, and may have been so
             for long. Whatever rests on them and was good since then is not silent because they start.
     """
@@ -306,8 +302,6 @@ def starting(
                 up_ns = min((rose for rose in good_ns(entry) if rose > began + GUARD_NS), default=None)
             if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns:
                 end = began + (theirs_ns if own.isdisjoint(atom.args) else own_ns)
-                if theirs and up_ns is not None and own.isdisjoint(atom.args):
-                    end = min(end, up_ns + settling_ns(atom) + SLACK_NS)
                 if end > now_ns:
                     found[atom] = max(end, found.get(atom, 0))
     return found

@@ -23,21 +23,12 @@ from functools import partial
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.model.components import ComponentModel
-from robomend.observations.pending import (
-    GUARD_NS,
-    SLACK_NS,
-    first_fallen,
-    newest_onset,
-    pending,
-    returning,
-    starting,
-)
+from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
 from robomend.planning.cures import power_cuts
 from robomend.planning.influence import influenced, needed, published, touched
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import OBSERVED_FACTS, theory_of
-from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
@@ -141,17 +132,14 @@ class Calm:
         """Wait where a plan begins with a cut of power although what it is for may still be back by itself;
         return whether it was waited for.
         """
-        asked_of, told, waited = bad_sets(result), False, False
-        while bad_sets(result) == asked_of:
-            left_s = (self._may_be_back_ns(choice.plan) - CLOCK.now_ns()) / 1e9
-            if left_s <= 0:
-                break
-            if left_s > TELL_S and not told:
-                told, why = True, "whether it comes back by itself, before power is cut for it"
-                await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=[])
+        end_ns, asked_of = self._may_be_back_ns(choice.plan), bad_sets(result)
+        if (end_ns - CLOCK.now_ns()) / 1e9 > TELL_S:
+            why = "whether it comes back by itself, before power is cut for it"
+            await self._record.update(RepairTrigger.UNHEARD, reason=why, waiting_for=[])
+        waited = False
+        while bad_sets(result) == asked_of and (left_s := (end_ns - CLOCK.now_ns()) / 1e9) > 0:
             waited = True
-            seen = self._state.changed(self._state.revision, min(left_s, LOOK_S))
-            await self._signals.unless_halted(seen)
+            await self._signals.unless_halted(self._state.changed(self._state.revision, left_s))
             result = await self._newest()
         return waited
 
@@ -167,8 +155,8 @@ class Calm:
         if not symptoms or not names:
             return 0
         began_ns = min(e.began_ns for e in symptoms)
-        due_ns = began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9)
-        return max(sight.start_ups.told_ns(e.atom, due_ns, sight) for e in symptoms)
+        shows_ns = max(sight.delays(e.atom).settling_ns for e in symptoms) + SLACK_NS
+        return began_ns + round(max(map(self._start_up_s, power_cuts(plan))) * 1e9) + shows_ns
 
     def _pending(self) -> dict[Atom, int]:
         """Return the verdicts that are about to come, each with until when."""
@@ -205,14 +193,13 @@ class Calm:
             until = {a: since + max(self._may_take_ns(a.args[0], since)) for a, since in began.items()}
             young = {atom: since for atom, since in began.items() if until[atom] > now_ns}
             since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
-            begun = starting(
+            found |= starting(
                 [entry for entry in said if entry.positive or entry.atom in bad],
                 since,
                 lambda name: self._may_take_ns(name, since[name]),
                 lambda name: touched(parts, [name]),
                 lambda name: published(parts, [name]),
                 state.sight.good_ns,
-                lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
@@ -224,9 +211,6 @@ class Calm:
                 lambda atom: state.sight.delays(atom).settling_ns,
                 now_ns,
             )
-            back = {a: max(begun.get(a, 0), back.get(a, 0)) for a in begun.keys() | back.keys()}
-            back = {atom: self._within(atom, end_ns, now_ns) for atom, end_ns in back.items()}
-            back = {atom: end_ns for atom, end_ns in back.items() if end_ns > now_ns}
             for supply in {name for each in parts.hardware.values() for name in each.fed_by}:
                 fed = published(parts, [supply])  # what is back of it may be the first
                 first_ns = max((risen[topic] for topic in fed & risen.keys()), default=0)
@@ -234,27 +218,14 @@ class Calm:
                     end_ns = first_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
                     if end_ns > now_ns and entry.began_ns < first_ns:
                         back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
-            # Who is heard again after it was cut off may itself hear again what it says is bad, unless that
-            # rests on what came, or did not, since it has been heard for as long as it was cut off.
+            # Who is heard again after it was cut off may itself hear again what it says is bad.
             for entry in symptoms:
-                cut_ns, again_ns = state.sight.cut_off(entry.source)
+                again_ns = state.sight.heard_again_ns(entry.source) or 0
                 end_ns = again_ns + state.sight.delays(entry.atom).settling_ns + SLACK_NS
-                before = (entry.since_ns or 0) <= again_ns + max(again_ns - cut_ns, GUARD_NS)
-                if end_ns > now_ns and entry.began_ns < again_ns and before:
+                if end_ns > now_ns and entry.began_ns < again_ns:
                     back[entry.atom] = max(end_ns, back.get(entry.atom, 0))
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
-
-    def _within(self, atom: Atom, end_ns: int, now_ns: int) -> int:
-        """Return until when a topic that fell silent may be back, or earlier where starts that were seen say
-        that it would have been heard by then.
-        """
-        sight, entries = self._state.sight, self._state.obs.entries()
-        fell_ns = max((entry.began_ns for entry in entries if entry.atom == atom), default=now_ns)
-        if any(sight.cut_off(entry.source)[1] > fell_ns for entry in entries):
-            return end_ns  # what is well over there may not have come through yet
-        known_s = sight.may_take_s([Literal(atom)], fell_ns, fell_ns)
-        return min(end_ns, now_ns + round(min(known_s, LONGEST_S) * 1e9))
 
     def _began_ns(self, entry: Entry) -> int | None:
         """Return since when something is on, or runs, by who says so or by when it was heard to change."""
@@ -272,7 +243,7 @@ class Calm:
         for entry in said:
             names = entry.atom.args if entry.atom.predicate == "ok" else published(parts, entry.atom.args)
             rose_ns = sight.rose_ns(entry.atom) if entry.atom.predicate == "ok" else None
-            since_ns = max(rose_ns or 0, sight.cut_off(entry.source)[1])
+            since_ns = max(rose_ns or 0, sight.heard_again_ns(entry.source) or 0)
             if entry.positive and since_ns:
                 found |= {name: max(since_ns, found.get(name, 0)) for name in names}
         return found

@@ -374,11 +374,10 @@ class Sight:
             if silent is not None and entry.source != reporter and entry.positive and entry.fresh(now_ns):
                 yield entry.atom, f"{entry.source} is, which was not heard", *silent
 
-    def cut_off(self, source: str) -> tuple[int, int]:
-        """Return from when and until when a source was silent for unusually long, the last time; zeros: it
-        never was.
-        """
-        return self._heard.interruption(source) or (0, 0)
+    def heard_again_ns(self, source: str) -> int | None:
+        """Return since when a source is heard again that was silent for unusually long, the last time."""
+        silent = self._heard.interruption(source)
+        return None if silent is None else silent[1]
 
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now; of
@@ -408,9 +407,9 @@ class Sight:
             self._bad.clear()
             self._powerless.clear()
             self.power_back.clear()
-        anew = {e.atom for e in reported if e.atom in self._taken_back} if self._taken_back else NOTHING
-        for atom in anew:
-            del self._taken_back[atom]
+        if self._taken_back:
+            for entry in reported:
+                self._taken_back.pop(entry.atom, None)
         for entry in changed:
             atom, positive = entry.literal
             if not positive:
@@ -424,10 +423,7 @@ class Sight:
                 self._fell.pop(atom, None)
             elif held is not None:
                 self._fell[atom] = held
-            _, again_ns = self.cut_off(entry.source)
-            if positive and held is not None and atom not in anew and again_ns <= held[0]:
-                self._rose[atom] = held  # it lapsed, and nobody said that it fell
-            elif positive and entry.since_ns is not None:
+            if positive and entry.since_ns is not None:
                 self._rose[atom] = (entry.since_ns,)
                 self._risen.add(atom)
             else:

@@ -430,12 +430,6 @@ class StartUps:
         due_ns = self._due_ns(atom, usual_ns, parts, seen)
         if not due_ns or atom.predicate != "ok":
             return due_ns
-        return self.told_ns(atom, due_ns, seen)
-
-    def told_ns(self, atom: Atom, due_ns: int, seen: Seen) -> int:
-        """Return when an observer has told that something is there which was due then: earlier, where it sees
-        nothing for so long after that as would be silence.
-        """
         delays = seen.delays(atom)
         denied_ns = due_ns + min(delays.detection_ns, delays.settling_ns)
         if seen.value(atom) is False and seen.looked_ns(atom) >= denied_ns:
