@@ -234,7 +234,7 @@ def test_whoever_sends_what_is_no_request_fills_no_log(tmp_path: Path) -> None:
     seconds = {line["timestamp"][:19] for line in map(json.loads, said.splitlines())}
     assert said.count("Invalid HTTP request") <= 10 * (len(seconds) + 1)
     assert said.count("Unsupported upgrade") <= 10 * (len(seconds) + 1)
-    assert "more were left out" in said
+    assert "more were left out" in said or said.count("Invalid HTTP request") == 300  # a slow computer: all
 
 
 def test_the_watchdog_hears_of_a_service_that_turns(tmp_path: Path) -> None:

@@ -338,7 +338,7 @@ def test_500_nodes_odd_names_what_is_broken_already_and_a_clock_that_jumps_are_n
 
             until(lambda: said(r"^listening, .* 5\d\d nodes, "), "it listens to all", MOST_S)
             clock.set(3600)
-            until(lambda: said("wrote robot/agent.yaml"), "it is listened to the end", MOST_S)
+            until(lambda: said("wrote .*/robot/agent.yaml"), "it is listened to the end", MOST_S)
             attach.until_said(r"\) (healthy|partly-unknown)$")
             clock.set(-3600)
             assert "unhealthy" not in attach.said

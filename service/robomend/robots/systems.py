@@ -125,16 +125,19 @@ class Systems:
         """
         system = await self.readers.model(source, name=name, format=format)
 
-        def put(tx: Transaction) -> StoredModel:
+        def put(tx: Transaction) -> tuple[StoredModel, bool]:
+            known = models.find(tx, name)
             model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
+            if known is not None and known.version == model.version:
+                return model, False
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
             after = {"version": model.version}
             tx.note(AuditEntry(by, "model.put", name, None, reason, after=after))
-            return model
+            return model, True
 
-        model = await self._store.write(put)
+        model, changed = await self._store.write(put)
         self._keep((name, model.version), system)
-        for callback in self._on_change:
+        for callback in self._on_change if changed else ():
             callback(name)
         return model, system
 

@@ -26,6 +26,13 @@ def get(view: View, name: str, version: str | None = None) -> StoredModel:
     return _model(view.one(query, f"version {version!r} of a model {name!r}"))
 
 
+def find(view: View, name: str) -> StoredModel | None:
+    """Return the current version of a model, if there is one."""
+    query = select(_VERSIONS).where(_VERSIONS.c.name == checked(name)).join(_MODELS, _IS_CURRENT)
+    row = view.first(query)
+    return None if row is None else _model(row)
+
+
 def page(view: View, paging: Paging = FIRST_PAGE) -> Page[StoredModel]:
     """Return the current versions, by name."""
     return view.by_name(select(_VERSIONS).join(_MODELS, _IS_CURRENT), _model, paging, "name")
