@@ -183,18 +183,14 @@ class DiagnosticObserver:
         self._lifetime_ns = round(readings.lifetime_s * 1e9)
         self._judgements: dict[Atom, Judgement] = {atom: readings.judgement() for atom in self.atoms}
         self._newest: dict[tuple[str, str, int], _Status] = {}
-        self._awaited: set[tuple[str, str, int]] = set()
-        self.latched = readings.latched
         self.reset(0)
 
     def reset(self, time_ns: int) -> None:
-        self._heard_ns = time_ns
-        if self.latched:  # it would not come again
-            return
         # What was heard before, and is to be heard again before anything is good; for a while.
         self._awaited = set(self._newest)
         self._awaited_until_ns = time_ns + self._wait_ns
         self._newest = {}
+        self._heard_ns = time_ns
         for judgement in self._judgements.values():
             judgement.reset()
 
@@ -271,7 +267,7 @@ class DiagnosticObserver:
         self._heard_ns = time_ns
         life_ns = self._lifetime_ns
         fresh = self._newest = {
-            key: one for key, one in self._newest.items() if self.latched or time_ns - one.time_ns < life_ns
+            key: one for key, one in self._newest.items() if time_ns - one.time_ns < life_ns
         }
         judgement = self._judgements[self._device]
         bad = [one for one in fresh.values() if self._is_bad(one.level) or self._breaks(one)]

@@ -7,5 +7,5 @@ health.py         what its state is called
 batches.py        sentences → literals;  boards.py  a board's channels → literals
 diagnosing.py     when a robot is diagnosed;  diagnoser.py  by which engine, within which time; as published
 systems.py        models, compiled once for all robots that have them
-clock.py          a clock that never goes back;  evidence.py  sources and their clocks
+clock.py          a clock that never goes back;  dating.py    sources and their clocks
 """
