@@ -254,7 +254,8 @@ class Changes:
         wait_s = IDLE_S if decision.again_ns is None else max(AGAIN_S, (decision.again_ns - now_ns) / 1e9)
         if not self.needs.chooser.policy(state).may_begin(now_ns):
             wait_s = min(wait_s, MINUTE_S - time.time() % MINUTE_S)  # a window may open then
-        acted = None if self._first else self.acted_on()
+        first = self._first
+        acted = None if first else self.acted_on()
         in_doubt = frozenset[str]() if acted is None else touched(parts, acted)
         if self._waiting is not None:
             due = await self._answered(state, self._waiting, due, in_doubt)
@@ -262,7 +263,7 @@ class Changes:
         if len(apart) < len(due) or open_:
             wait_s = min(wait_s, SOON_S)
         if apart:
-            wait_s = min(wait_s, await self._do(state, parts, decision, apart, in_doubt))
+            wait_s = min(wait_s, await self._do(state, parts, decision, apart, in_doubt, first))
         if wait_s > AGAIN_S:
             self._looked = seen
         return wait_s
@@ -355,6 +356,7 @@ class Changes:
         decision: Decision,
         due: tuple[VariantChange, ...],
         in_doubt: frozenset[str],
+        first: bool,
     ) -> float:
         """Plan what is due and do it; return in how many seconds to look again at the latest."""
         plan, due = await self._planned(state, parts, decision, due)
@@ -367,7 +369,7 @@ class Changes:
             return AGAIN_S
         if len(_apart(parts, due, in_doubt, plan.steps)) < len(due):
             return SOON_S
-        wait_s = await self._repair_is_cheaper(state, due, plan)
+        wait_s = await self._repair_is_cheaper(state, due, plan, first)
         if wait_s > 0:
             return wait_s
         asks = _mode(policy, [parts.functions[one.function] for one in due], plan.steps) is Mode.APPROVE
@@ -441,13 +443,18 @@ class Changes:
         if record is not None:
             await record.note(ChangeTrigger.WENT_WRONG, reason)
 
-    async def _repair_is_cheaper(self, state: Robot, due: Sequence[VariantChange], plan: Plan) -> float:
+    async def _repair_is_cheaper(
+        self, state: Robot, due: Sequence[VariantChange], plan: Plan, first: bool
+    ) -> float:
         """Return how long to wait for a repair that makes the robot useful sooner than the change; 0: none
         does.
+
+        Args:
+            first: a repair waited with its acts when it was looked what is due; it may have begun since.
         """
         if not all(change.fault for change in due) or self._deferred.tried:
             return 0.0
-        if self.acted_on() is not None and not self._first:  # none is begun before the one that acts is done
+        if self.acted_on() is not None and not first:  # none is begun before the one that acts is done
             return 0.0
         policy = self.needs.chooser.policy(state)
         if policy.mode is not Mode.AUTO or not policy.may_begin(time.time_ns()):
@@ -463,7 +470,7 @@ class Changes:
         if helps <= 0 or choice.plan.cost / helps > plan.cost:
             return 0.0
         self._deferred.until_s = time.monotonic() + 2 * choice.plan.cost + DEFER_S
-        self._deferred.round = self._rounds + (0 if self._first else 1)
+        self._deferred.round = self._rounds + (0 if first else 1)
         return SOON_S
 
     async def _act(
