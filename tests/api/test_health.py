@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 from tests.api.conftest import StartService
 from tests.waiting import until
 
+from robomend.repairs.headline import Headline, of_robot
 from robomend.store import events
 
 
@@ -37,3 +40,26 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
     assert robot() == ("unhealthy", [])
 
     assert 'robomend_robots_health{state="unhealthy"} 1.0' in service.http.get("/metrics").text
+
+
+def test_healthy_since_does_not_reach_over_a_time_in_which_nobody_looked(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1", observed=["ok(odom)"])
+
+    def look() -> None:
+        now_ns = time.time_ns()  # it began to look just now
+        body = {"observations": ["ok(odom)"], "lifetime_s": 0.4, "time": now_ns, "since": [now_ns]}
+        service.api("POST", "/robots/r1/observations", json=body)
+
+    def headline() -> Headline:
+        return of_robot(service.run(service.runtime.robots.memory.latest("r1")), None)
+
+    for _ in range(2):
+        look()
+    first = headline()
+    until(lambda: "Nothing is heard" in headline().text(0), "that nobody looks any more")
+    for _ in range(2):
+        look()
+    assert headline().text(0).startswith("Healthy since")
+    assert first.since_ns is not None
+    assert (headline().since_ns or 0) > first.since_ns

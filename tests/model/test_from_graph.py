@@ -288,14 +288,14 @@ def test_what_nodes_say_of_themselves_is_theirs() -> None:
     made = first_model(found, "rover")
     assert {name: keys["kind"] for name, keys in made.entries.observers.items()} == {
         "nodes": "node",
-        "goals_navigate": "goals",
-        "lifecycle_imu": "lifecycle",
-        "rosout_imu": "rosout",
-        "changing_imu_data": "changing",
-        "qos_imu_data": "qos",
+        "navigate_goals": "goals",
+        "imu_lifecycle": "lifecycle",
+        "imu_log": "rosout",
+        "imu_data_values": "changing",
+        "imu_data_qos": "qos",
     }
-    assert "'not ab(mission) -> ok(goals_navigate)'" in made.text
-    assert "'not ab(imu) -> ok(changing_imu_data)'" in made.text
+    assert "'not ab(mission) -> ok(navigate_goals)'" in made.text
+    assert "'not ab(imu) -> ok(imu_data_values)'" in made.text
     load_text(made.text)
     files_of(Described("rover", heard=found, origin=found.origin))
 
@@ -370,11 +370,11 @@ def test_what_a_lifecycle_manager_takes_down_is_explained_by_the_one_that_failed
         found = make_engine("sat", model.cnf).diagnose(seen).diagnoses
         return sorted(tuple(sorted(one.bad)) for one in found)
 
-    down = [fails("ok", f"lifecycle_{name.strip('/')}") for name in servers]
+    down = [fails("ok", f"{name.strip('/')}_lifecycle") for name in servers]
     assert blamed(fails("running", "planner"), *down) == [("planner",)]
     assert blamed(*down) == [("controller",), ("manager",), ("navigator",), ("planner",)]
-    assert blamed(down[0], holds("ok", "lifecycle_controller")) == [("planner",)]
-    assert blamed(*down[:2], holds("ok", "lifecycle_navigator")) == [("controller", "planner")]
+    assert blamed(down[0], holds("ok", "controller_lifecycle")) == [("planner",)]
+    assert blamed(*down[:2], holds("ok", "navigator_lifecycle")) == [("controller", "planner")]
     assert check(model) == ()
 
 
@@ -387,10 +387,10 @@ def test_what_no_longer_reaches_its_listeners_is_its_publishers_fault_and_not_th
     topics = {"/odom": came(30), "/filtered": came(30)}
     made = first_model(heard(topics, nodes, origin={"ros2": {"domain": 7}}), "rover")
     system = load_text(made.text)
-    seen = [holds("ok", "odom"), fails("ok", "filtered"), fails("ok", "qos_odom")]
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), fails("ok", "odom_qos")]
     found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
     assert [one.bad for one in found] == [("base",)]
-    seen = [holds("ok", "odom"), fails("ok", "filtered"), holds("ok", "qos_odom")]
+    seen = [holds("ok", "odom"), fails("ok", "filtered"), holds("ok", "odom_qos")]
     found = make_engine("sat", system.cnf).diagnose(seen).diagnoses
     assert [one.bad for one in found] == [("ekf",)]
     assert check(system) == ()

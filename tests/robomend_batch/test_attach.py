@@ -213,9 +213,9 @@ def test_a_robot_with_ros_2_is_healthy_and_what_its_nodes_show_is_put_to_them(tm
     model = load_model(tmp_path / "robot" / "robot-model.yaml").parts
     assert model is not None
     assert model.nodes["lidar_driver"].drives == ("lidar",)
-    assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan", "qos_scan")}
+    assert model.nodes["mapper"].publishes == {"map": (), "pose": ("scan", "scan_qos")}
     assert model.nodes["planner"].publishes["cmd_vel"] == ()
-    assert model.nodes["planner"].publishes["plan"] == ("pose", "qos_pose")
+    assert model.nodes["planner"].publishes["plan"] == ("pose", "pose_qos")
     assert [name for name, topic in model.topics.items() if topic.silent] == ["cmd_vel", "map"]
     assert "policy: observe" in (tmp_path / "robot" / "robot.yaml").read_text()
 
@@ -232,7 +232,7 @@ def test_when_a_lifecycle_manager_takes_all_down_the_node_that_failed_is_named(t
             attach.until_said(r"unhealthy: controller_host and controller_server$")
             page = attach.until_said("^the page: ").removeprefix("the page: ")
             url, _, robot = page.partition("/ui/robots/")
-            down = [f"not ok(lifecycle_{name}_server)" for name in servers if name != "controller"]
+            down = [f"not ok({name}_server_lifecycle)" for name in servers if name != "controller"]
 
             def seen() -> str:
                 return httpx.get(f"{url}/api/v1/robots/{robot}/observations", timeout=60).text
@@ -626,8 +626,8 @@ def test_a_node_that_logged_errors_in_a_recording_is_asked_about(tmp_path: Path)
     assert run(["attach", "--bag", str(tmp_path / "good.bag"), str(tmp_path / "rover")]) == 0
     assert "lidar logged 1 error: was it well?" in (tmp_path / "rover" / "rover.yaml").read_text()
     agent = (tmp_path / "rover" / "agent.yaml").read_text()
-    assert "rosout_camera: {kind: rosout" in agent
-    assert "rosout_lidar" not in agent
+    assert "camera_log: {kind: rosout" in agent
+    assert "lidar_log" not in agent
 
 
 def test_devices_are_proposed_and_none_of_them_counts_before_somebody_says_so(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ class Rate:
     def __str__(self) -> str:
         if self.tolerance_above_hz in (None, self.tolerance_hz):
             return f"{self.rate_hz:g} ± {self.tolerance_hz:g}"
-        return f"{self.lowest_hz:g} to {self.highest_hz:g}"
+        return f"{self.rate_hz:.4g} ({self.lowest_hz:.4g} to {self.highest_hz:.4g})"
 
     @property
     def messages(self) -> int:

@@ -28,7 +28,7 @@ from robomend.model.from_graph import (
     arrow_question,
     comment,
     device_question,
-    slug,
+    sign_of,
     word,
 )
 
@@ -225,7 +225,7 @@ def _strike(lines: list[str], topic: str, given: str) -> None:
     """Take an arrow out, if it is there."""
     if (place := _arrow(lines, topic, given)) is not None:
         number, found = place
-        without = {given, slug(f"qos_{given}")}  # that its messages arrive matters to nobody then
+        without = {given, sign_of(given, "qos")}  # that its messages arrive matters to nobody then
         kept = [name for name in _names(found["inputs"]) if comment(name) not in without]
         named = ", ".join(map(word, kept))
         before, after = found.string[: found.start("inputs")], found.string[found.end("inputs") :]

@@ -153,6 +153,9 @@ SIGNS = {
 }
 """What is told by observers of these kinds."""
 
+NAMED = {"rosout": "log", "changing": "values"}
+"""How what these observe is called, where the kind's name would not say it: `planner_log`, `scan_values`."""
+
 
 STATUS_LIFE_S, STATUS_GAPS = 5.0, 3
 
@@ -648,7 +651,7 @@ class _Draft:
         preset = {"preset": "ros1"} if "ros1" in self.heard.origin else {}
 
         def sign(kind: str, name: str, of: str, **keys: str | float) -> str:
-            called = slug(f"{kind}_{name}", taken)
+            called = sign_of(name, kind, taken)
             taken.add(called)
             said = {key: word(one) if isinstance(one, str) else f"{one:g}" for key, one in keys.items()}
             found[called] = {"kind": kind, **self._fed(), **(preset if kind == "goals" else {}), **said}
@@ -921,6 +924,11 @@ def upwards(value: float) -> str:
 def comment(text: str) -> str:
     """Return a text in which nothing ends the comment."""
     return "".join(letter if letter.isprintable() else "?" for letter in text.removeprefix("/"))
+
+
+def sign_of(name: str, kind: str, taken: Iterable[str] = ()) -> str:
+    """Return how what a node or a topic shows by an observer of a kind is called, e.g. `scan_qos`."""
+    return slug(f"{name}_{NAMED.get(kind, kind)}", taken)
 
 
 def slug(text: str, taken: Iterable[str] = ()) -> str:

@@ -210,6 +210,12 @@ def met(formula: Formula | None, known: KnownState) -> str:
     return ", ".join(said)
 
 
+def held_back(variant: str, why: str, measured: str = "", left_s: float | None = None) -> str:
+    """Return why a better variant that is admissible is not changed to, for `left_s` seconds or for now."""
+    again = f"{variant} is admissible again{measured and f', as {measured}'}"
+    return f"{again}, and not changed to{'' if left_s is None else f' for {left_s:.0f} s'}: {why}"
+
+
 def does_without(
     model: ComponentModel, states: Mapping[str, FunctionState], diagnoses: Iterable[Collection[str]]
 ) -> bool:
@@ -392,19 +398,18 @@ class Keeper:
             if now_ns < ready_ns:
                 wake_ns = ready_ns if wake_ns is None else min(wake_ns, ready_ns)
                 if again and not state.waits:
-                    left_s = (ready_ns - now_ns) / 1e9
-                    held = f"{better} is admissible again, and not changed to for {left_s:.0f} s: {why}"
+                    held = held_back(better, why, left_s=(ready_ns - now_ns) / 1e9)
                     state = replace(state, held=held, waits=(better, why))
                 continue
-            measured = met(conditions.get((function.name, better)), known)
-            held = f"{better} is admissible again{measured and f', as {measured}'}, and not changed to: {why}"
-            if not standings[better].aside:
+            measured = ""
+            if standings[better].aside:
+                measured = met(conditions.get((function.name, better)), known)
+            else:
                 why, until_ns = self._bounded(function, better, now_ns)
-                held = f"{better} is admissible again, and not changed to: {why}"
                 if not why or (leaves_it and not any(standings[one].fine for one in below)):
                     return replace(state, target=better), wake_ns
             if not state.waits:
-                state = replace(state, held=held, waits=(better, why))
+                state = replace(state, held=held_back(better, why, measured), waits=(better, why))
             if until_ns is not None:
                 wake_ns = until_ns if wake_ns is None else min(wake_ns, until_ns)
         if not leaves_it:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from robomend.model.components import Function
-from robomend.planning.configurations import VariantChange
+from robomend.planning.configurations import VariantChange, held_back
 from robomend.planning.plan import Plan
 from robomend.repairs.record import LOOP, ActionRecord
 from robomend.repairs.repair_json import change_json, plan_json
@@ -142,7 +142,7 @@ def came_back(tx: Transaction, fence: Fence, function: Function, target: str, ba
 
 def is_held(tx: Transaction, fence: Fence, function: Function, target: str, why: str) -> None:
     """Note with the last change for the worse why it is not undone by a change to this variant."""
-    held = f"{target} is admissible again, and not changed to: {why}"
+    held = held_back(target, why)
     worse = next(_undone(tx, fence.robot, function, target), None)
     if worse is not None and (change := _amend(tx, fence, worse, function.name, held=held)) is not None:
         tx.emit(Kind.CONFIGURATION, fence.robot, {**change_json(change), "held": held})

@@ -150,6 +150,9 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
             blamed = weighed  # what was tried is taken into account there
     entries = robot.obs.entries()
     since_ns = robot.found_ns
+    if health is HealthState.HEALTHY:  # since all of it is known to be: before that nobody looked
+        began_ns = (one.onset_ns for one in entries if one.literal.positive and one.atom.predicate != ACTIVE)
+        since_ns = max(filter(None, (since_ns, *began_ns)), default=None)
     if health in UNCLEAR:
         lapsed = (one.expires_ns for one in entries if one.atom in unknown)
         over = [each for each in lapsed if each and each <= CLOCK.now_ns()]

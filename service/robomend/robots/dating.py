@@ -214,7 +214,8 @@ class Dating(NamedTuple):
                     self.twins.heard(source, arrival_ns)
             if onset_ns is not None:
                 return since_ns, onset_ns
-            if held is not None and same:  # it goes on: `since` moves with it, the onset stays
+            # It goes on: `since` moves with it, the onset stays. What is well only while somebody looked.
+            if held is not None and same and (held.fresh(arrival_ns) or not literal.positive):
                 return since_ns, held.onset_ns or held.since_ns
             return since_ns, since_ns if fact else None
 

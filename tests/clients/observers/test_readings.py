@@ -55,17 +55,18 @@ def of(observer: Observer, *samples: tuple[float, str, object], until_s: float =
 
 
 @pytest.mark.parametrize(
-    ("hz", "reading"),
+    ("above_hz", "hz", "reading"),
     [
-        (50, ("not ok(scan)", ("50 Hz, 10 ± 2", Symptom.FAST))),
-        (10, ("ok(scan)", ("10 Hz, 10 ± 2", None))),
-        (6, ("not ok(scan)", ("6 Hz, 10 ± 2", Symptom.SLOW))),
+        (2, 50, ("not ok(scan)", ("50 Hz, 10 ± 2", Symptom.FAST))),
+        (2, 10, ("ok(scan)", ("10 Hz, 10 ± 2", None))),
+        (2, 6, ("not ok(scan)", ("6 Hz, 10 ± 2", Symptom.SLOW))),
+        (6, 6, ("not ok(scan)", ("6 Hz, 10 (8 to 16)", Symptom.SLOW))),
     ],
 )
 def test_a_rate_says_in_which_direction_it_is_wrong(
-    hz: float, reading: tuple[str, tuple[str, Symptom | None]]
+    above_hz: float, hz: float, reading: tuple[str, tuple[str, Symptom | None]]
 ) -> None:
-    driver = Driver([GeneralObserver("scan", Rate(10, 2))], 0)
+    driver = Driver([GeneralObserver("scan", Rate(10, 2, tolerance_above_hz=above_hz))], 0)
     beat(driver, "scan", 0.1, 100, hz)
     assert told(driver) == dict([reading])
 
