@@ -30,6 +30,17 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Registry[Callable[
     return Registry("part", GROUP, ours, unknown=KeyError, broken=OSError)
 
 
+def test_an_unknown_name_is_refused_with_all_there_are_and_the_nearest(
+    parts: Registry[Callable[[], object]],
+) -> None:
+    listed = r"no part is named 'mime': choose one of ours, lost, .*, mine; did you mean 'mine'\?"
+    for refuses in (parts.check, parts.load):
+        with pytest.raises(KeyError, match=listed):
+            refuses("mime")
+    with pytest.raises(KeyError, match=r"inner, mine\W$"):
+        parts.check("zzz")
+
+
 @pytest.mark.parametrize("name", ["gone", "explodes", "lost"])
 def test_what_cannot_be_imported_is_named_with_its_place(
     name: str, parts: Registry[Callable[[], object]]

@@ -9,6 +9,7 @@ from tests.clients.observers.driving import values
 
 from robomend_client.observers import Change, Driver, ns
 from robomend_client.observers.rosout import ROSOUT, LogRules, RosoutObserver, suggested
+from robomend_client.readings import Symptom
 
 
 class Log:
@@ -26,6 +27,17 @@ class Log:
     @property
     def reading(self) -> Any:
         return self.driver.standing()[0].reading
+
+
+@pytest.mark.parametrize("level", [16, 40])
+def test_a_line_is_a_fault_at_once_and_over_after_a_while(level: int) -> None:
+    log = Log()
+    assert values(log.line(1, level, "cannot open /dev/video0")) == ["not ok(log,camera)"]
+    assert log.reading.symptom is Symptom.SELF_REPORT
+    assert str(log.reading) == f"{'FATAL' if level == 16 else 'ERROR'}: cannot open /dev/video0"
+    assert values(log.driver.advance(ns(10.9))) == []
+    assert values(log.driver.advance(ns(11.1))) == ["ok(log,camera)"]
+    assert str(log.reading) == "no ERROR for 10 s"
 
 
 @pytest.mark.parametrize(
