@@ -101,9 +101,6 @@ class Node:
         level = {"info": "info", "warning": "warn", "error": "err", "fatal": "fatal"}[line["level"]]
         getattr(rospy, f"log{level}")(line["text"])
 
-    def warn(self, line: dict[str, Any]) -> None:
-        rospy.logwarn("as asked")
-
     def publish(self, line: dict[str, Any]) -> None:
         talker = self.talkers[line["topic"]] = Talker(line)
         if not talker.rate and "value" in line:

@@ -6,24 +6,63 @@ Nothing here asserts how long something took; waits only have a generous end.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 import time
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
-from tests.board.linking import (
-    END_S,
-    emulated,
-    emulated_elsewhere,
-    fault,
-    link_to,
-    on,
-    until,
-)
+from tests.robomend_board.processes import running
 
+from robomend.board.codec import (
+    Acknowledge,
+    ChannelLimits,
+    ChannelReading,
+    Measurements,
+    Specification,
+    encode,
+)
 from robomend.board.link import BoardLink, LinkState, Snapshot
 from robomend.errors import BoardRefused, BoardTimeout, BoardUnreachable
+from robomend_board.board import Board
+from robomend_board.faults import parse_fault
+from robomend_board.loads import default_rig
+from robomend_board.server import Emulator
 
 pytestmark = pytest.mark.anyio
+
+END_S = 60.0
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait until it is so; the test fails if it never is."""
+    async with asyncio.timeout(END_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+@contextlib.asynccontextmanager
+async def emulated(channels: int = 10, on: tuple[int, ...] = (2,)) -> AsyncIterator[Emulator]:
+    emulator = Emulator(Board(default_rig(channels), on))
+    await emulator.listen("127.0.0.1", 0)
+    try:
+        yield emulator
+    finally:
+        await emulator.close()
+
+
+async def fault(emulator: Emulator, name: str, **parameters: object) -> None:
+    await emulator.set_fault(parse_fault({"fault": name, **parameters}, len(emulator.board.channels)))
+
+
+def on(snapshot: Snapshot, channel: int) -> bool:
+    assert snapshot.channels is not None
+    return snapshot.channels[channel].on
+
+
+def link_to(port: int, *, host: str = "127.0.0.1", **options: object) -> BoardLink:
+    defaults: dict[str, object] = {"broadcast_hz": 100, "command_timeout_s": END_S, "backoff_s": (0.01, 0.05)}
+    return BoardLink(host, port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["asyncio", "uvloop"])
@@ -102,6 +141,11 @@ async def test_why_nobody_is_reached_is_said_in_words(host: str, why: str) -> No
         await until(lambda: link.state is LinkState.DISCONNECTED)
         assert re.search(why, link.reason)
         assert "Errno" not in link.reason
+        with pytest.raises(BoardUnreachable, match=f"{host}:1"):
+            await link.switch(7, True, timeout_s=0.3)
+        with pytest.raises(BoardUnreachable):
+            await link.wait_connected(0.05)
+        assert link.snapshot.channels is None
 
 
 # --- silence and loss ----------------------------------------------------------------------------------
@@ -122,10 +166,10 @@ async def test_silence_is_unknown_and_the_board_is_known_again_when_it_speaks() 
 
 async def test_a_service_that_is_held_up_itself_takes_no_board_for_silent() -> None:
     states: list[LinkState] = []
-    with emulated_elsewhere() as port:
-        async with link_to(port, on_state=lambda s, _: states.append(s)) as link:
+    with running() as emulator:  # in another process
+        async with link_to(emulator.port, on_state=lambda s, _: states.append(s)) as link:
             await until(lambda: link.snapshot.channels is not None)
-            for _ in range(5):
+            for _ in range(2):
                 time.sleep(1.0)  # the loop is held for twice as long as a board may be silent
                 await asyncio.sleep(0.05)  # and gets a moment
             assert states == [LinkState.CONNECTED]
@@ -201,6 +245,64 @@ async def test_garbage_costs_the_connection_and_not_the_link() -> None:
         await until(lambda: any(s is LinkState.DISCONNECTED and "not 0x02" in r for s, r in states))
         await link.switch(7, True)
         assert emulator.board.relays()[7]
+
+
+# --- what is no board, or breaks the protocol -----------------------------------------------------------
+
+
+Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@contextlib.asynccontextmanager
+async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
+    """A server that does with each connection what `handler` does."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+            await handler(reader, writer)
+        writer.transport.abort()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        await asyncio.sleep(0.01)  # connections that are being closed end
+
+
+SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))
+MEASUREMENTS = encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 8))
+
+
+async def test_a_server_that_says_nothing_is_given_up_in_time() -> None:
+    async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+
+    async with badly_behaved(silent) as port, link_to(port, connect_timeout_s=0.1) as link:
+        await until(lambda: "is it a power board?" in link.reason)
+
+
+@pytest.mark.parametrize(
+    "greeting",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n\r\n",
+        MEASUREMENTS,
+        encode(Acknowledge(0)),
+        SPECIFICATION + SPECIFICATION,
+        SPECIFICATION + encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 10)),
+        bytes.fromhex("02 63 00 00"),
+    ],
+)
+async def test_whoever_breaks_the_protocol_is_dropped_with_the_reason(greeting: bytes) -> None:
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(greeting)
+        await reader.read()
+
+    async with badly_behaved(greet) as port, link_to(port) as link:
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        assert link.reason != "not yet connected"
+        with pytest.raises(BoardUnreachable):
+            await link.switch(1, True, timeout_s=0.05)
 
 
 # --- the end -------------------------------------------------------------------------------------------

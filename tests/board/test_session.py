@@ -85,16 +85,6 @@ def test_a_message_is_taken_exactly_where_the_table_has_a_row(state: State, mess
         assert session.state is expected
 
 
-@pytest.mark.parametrize("channels", [1, 8, 10])
-def test_the_number_of_channels_comes_from_the_specification(channels: int) -> None:
-    session = Session()
-    assert session.channels == 0
-    specification = Specification((ChannelLimits(10.0, 24.0),) * channels)
-    measured = Measurements((ChannelReading(False, 0.0, 0.0),) * channels)
-    assert receive(session, specification, measured) == [specification, measured]
-    assert session.channels == channels
-
-
 def test_measurements_of_another_number_of_channels_break_the_protocol() -> None:
     session = in_state(State.READY)
     with pytest.raises(RemoteProtocolError, match="10 channels, not 8"):
@@ -122,12 +112,6 @@ def test_a_command_that_does_not_fit_the_wire_leaves_the_session_as_it_was() -> 
         session.send(Broadcast(1000))
     assert session.state is State.READY
     assert session.outstanding is None
-
-
-@pytest.mark.parametrize("frame", ["02 63 00 00", "02 05 00 00", "03 00 00 00"])
-def test_a_frame_that_says_nothing_breaks_the_protocol(frame: str) -> None:
-    with pytest.raises(RemoteProtocolError):
-        list(in_state(State.READY).receive(bytes.fromhex(frame)))
 
 
 def test_the_manual_draws_the_table_row_by_row() -> None:

@@ -55,13 +55,22 @@ def agent(file: Path, environment: Mapping[str, str] | None = None) -> Iterator[
                 process.wait(60)  # it has a lot to end, on a busy computer
 
 
+def _state(pid: int) -> bytes:
+    """Return the letter of a process's state; nothing where there is no such process."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except OSError:
+        return b""
+
+
 def alive(pid: int) -> bool:
     """Return whether a process exists and is no zombie."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_bytes()
-    except OSError:
-        return False
-    return stat.rpartition(b")")[2].split()[0] not in (b"Z", b"X")
+    return _state(pid) not in (b"", b"Z", b"X")
+
+
+def halted(pid: int) -> bool:
+    """Return whether a process is stopped by a signal."""
+    return _state(pid) == b"T"
 
 
 def pid_file(tmp_path: Path, name: str) -> int:

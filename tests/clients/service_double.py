@@ -254,8 +254,4 @@ def service_double() -> Iterator[ServiceDouble]:
         service.down()
 
 
-def eventually(true: Callable[[], object], what: str, within_s: float = 60.0) -> float:
-    """Wait until `true()`; return how long it took. The bound only keeps a broken test from hanging."""
-    began = time.monotonic()
-    until(true, what, within_s)
-    return time.monotonic() - began
+eventually = until

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -52,6 +50,7 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     config = loaded(tmp_path, WHOLE)
     assert (config.robot, config.agent, config.host) == ("tedusar", "onboard", "pc")
     assert config.service.key() == "s3cret"
+    assert "s3cret" not in repr(config)
     assert config.state_dir == tmp_path / "state"
     assert (config.bus, config.joins_bus, config.keep_processes) == ("tcp:127.0.0.1:0", False, True)
     assert (config.heartbeat_s, config.lifetime_s, config.buffer_bytes) == (1, 5, 1024 * 1024)
@@ -83,10 +82,6 @@ def test_a_unit_s_state_folder_is_the_default_as_the_file_s_own_may_be_read_only
     assert loaded(tmp_path, f"{short}state_dir: mine\n").state_dir == tmp_path / "mine"
 
 
-def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
-    assert "s3cret" not in repr(loaded(tmp_path, WHOLE))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
@@ -96,29 +91,22 @@ def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
         ("host: pc", "agent: pc", ":3: agent: is there twice"),
         ("http://", "ftp://", ":4: service.url: must start with http://"),
         ("http://127.0.0.1:8080", "http://127.0.0.1:x", ":4: service.url: must be like http://"),
-        ("http://127.0.0.1:8080", "http://127.0.0.1:99999", ":4: service.url: must be like http://"),
-        ("http://127.0.0.1:8080", "http://", ":4: service.url: must be like http://"),
         ("http://127.0.0.1:8080", "https://[::1", ":4: service.url: must be like http://"),
-        ("http://127.0.0.1:8080", "http://127.0.0.1/?a", ":4: service.url: must be like http://"),
         ("key_file: key", "key_file: agent.yaml", ":4: service.key_file: holds no key"),
         ("state_dir: state", 'state_dir: "a\\0b"', ":5: state_dir: holds a NUL"),
-        ("tcp:127.0.0.1:0", "unix:a\\0b", ":6: bus.listen: holds a NUL"),
         ("key_file: key", "key_file: none", ":4: service.key_file: cannot be read"),
         ("tcp:127.0.0.1:0", "127.0.0.1", ":6: bus.listen: '127.0.0.1' is no bus address"),
         ("lifetime_s: 5", "lifetime_s: 1.5", ":7: report.lifetime_s: must be at least twice"),
         ("lifetime_s: 5", "lifetime_s: soon", ":7: report.lifetime_s: must be a number"),
         ("lifetime_s: 5", "lifetime_s: .nan", ":7: report.lifetime_s: must be a number"),
-        ("lifetime_s: 5", "lifetime_s: 5__0", ":7: report.lifetime_s: must be a number"),
         ("buffer_mb: 1}", "buffer_mb: 0}", ":7: report.buffer_mb: must be from 0.01"),
         ("when_agent_ends: keep", "when_agent_ends: pray", ":8: when_agent_ends: must be one of stop, keep"),
         ("host: pc", "starved: 2", ":3: starved: must be from 0.01 to 1"),
-        ("host: pc", "starved: true", ":3: starved: must be a number"),
         ("settle: 5", "settle: 11", ":9: rate.settle: settle must be from 1 to window"),
         ("window: 11", "window: 2.5", ":9: rate.window: must be a whole number"),
         ("rate_hz: 20", "rate_hz: 1", ":11: topics./scan.silence_s: silence_s of 0.5 is no longer"),
         ("rate_hz: 20", "hz: 20", ":11: topics./scan.hz: is no key here"),
         ("[laser, --device, /dev/ttyACM0]", "laser --device", ":15: processes.laser.command: must be a list"),
-        ("[laser, --device, /dev/ttyACM0]", "[]", ":15: processes.laser.command: must be a list"),
         ("ready|up", "(", ":18: processes.laser.ready.output: is no regular expression"),
         (
             'ready: {output: "ready|up"}',
@@ -143,12 +131,6 @@ def test_a_file_that_is_no_text_is_named_with_the_line(tmp_path: Path) -> None:
     (tmp_path / "agent.yaml").write_bytes(b"robot: r\nhost: \xe9\n")
     with pytest.raises(ConfigError, match=r"agent.yaml:2: not YAML: the file is not UTF-8 text"):
         load(tmp_path / "agent.yaml")
-
-
-def test_the_example_is_read() -> None:
-    config = load(ROOT / "examples" / "agent.yaml")
-    assert config.topics
-    assert config.processes
 
 
 @pytest.mark.parametrize(
@@ -227,14 +209,3 @@ def test_check_looks_for_the_programs(tmp_path: Path, capsys: pytest.CaptureFixt
         code, said = checked(processes, actions)
         assert code == 3
         assert f"{tmp_path / 'agent.yaml'}: {why}" in said
-
-
-def test_the_agent_imports_nothing_that_draws() -> None:
-    code = (
-        "import sys; from robomend_client.agent import main; main.import_lean()\n"
-        "import robomend_client.agent.agent, httpx\n"
-        "print(sorted({'rich', 'pygments', 'click', 'difflib'} & set(sys.modules)), httpx.get is not None)"
-    )
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"[] True\n"
-    )

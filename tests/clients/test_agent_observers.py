@@ -5,31 +5,20 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import signal
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.clients.running_agent import SLEEPER, agent, config
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.clients.talker import free_port, watching
 
-from robomend_client.agent.config import load
 from robomend_client.bus import parse_address
-from robomend_client.observers import Driver
-from robomend_client.observers.recording import replay
 
 MANUAL = (Path(__file__).parents[2] / "docs" / "agent.md").read_text()
-
-
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double
 
 
 def said(service: ServiceDouble, sentence: str) -> list[dict[str, Any]]:
@@ -136,45 +125,6 @@ def test_the_poll_says_what_the_agent_can_do_and_sees_and_observers_judge_anew_w
 
         eventually(lambda: spoken_of() == {"ok(scan)", "running(laser)"}, "both, with the number")
         assert all(since_ns >= asked_ns for batch in answers() for since_ns in batch["since"])
-
-
-def test_a_live_run_and_the_replay_of_its_recording_say_the_same_at_the_same_times(
-    service: ServiceDouble, tmp_path: Path
-) -> None:
-    sections: dict[str, Any] = {
-        "topics": {"scan": {}, "odom": {}},
-        "observers": {"x": {"kind": "qualitative", "source": "odom:x"}},
-        "processes": {"laser": {"command": SLEEPER, "start": True}},
-        "recording": {"file": str(tmp_path / "run.jsonl"), "mb": 1},
-    }
-    with watching(tmp_path, service.url, **sections) as (process, talker):
-        talker.say("scan")
-        talker.say("odom", data={"x": 1})
-        eventually(lambda: {"ok(scan)", "const(x)", "running(laser)"} <= service.holds().keys(), "all")
-        talker.hush("scan")
-        eventually(lambda: service.holds()["ok(scan)"] is False, "not ok(scan)")
-        service.settle = {"n": 3, "atoms": ["ok(odom)"]}
-        eventually(lambda: any(batch.get("settled") == 3 for batch in service.batches()), "settled")
-        process.send_signal(signal.SIGSTOP)
-        time.sleep(0.5)  # so long nobody looks: a lapse in the recording
-        process.send_signal(signal.SIGCONT)
-        service.do("r:1", "stop_node", "laser")
-        eventually(lambda: service.holds()["running(laser)"] is False, "not running(laser)")
-    specs = load(tmp_path / "agent.yaml").observers
-    with (tmp_path / "run.jsonl").open() as lines:
-        changes = list(replay(lines, lambda start_ns: Driver([spec.make() for spec in specs], start_ns)))
-    replayed = {(c.time_ns, str(c.value or c.atom), c.since_ns, c.onset_ns, c.settled) for c in changes}
-    live = set()
-    for batch in service.batches():
-        rows = zip(
-            batch["observations"], batch.get("since", ()), batch.get("onset") or [None] * 99, strict=False
-        )
-        live |= {
-            (batch["time"], sentence, since, onset, batch.get("settled")) for sentence, since, onset in rows
-        }
-        live |= {(batch["time"], atom, None, None, batch.get("settled")) for atom in batch.get("unknown", ())}
-    assert replayed <= live  # what is live beside it are heartbeats
-    assert {sentence for _, sentence, *_ in replayed} >= {"not ok(scan)", "const(x)", "not running(laser)"}
 
 
 def test_what_a_process_prints_is_kept_in_a_file_with_a_bound(service: ServiceDouble, tmp_path: Path) -> None:

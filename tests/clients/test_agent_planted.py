@@ -7,13 +7,12 @@ import json
 import os
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import SLEEPER, agent, alive, config, marked
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.running_agent import SLEEPER, WRITES_PID, agent, alive, config, halted, marked
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.waiting import eventually as soon
 
 from robomend_client.actions import OK, REFUSED, UNDONE_BEFORE
@@ -23,15 +22,9 @@ from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.python310 import end
 
 
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as service:
-        yield service
-
-
 def node(tmp_path: Path, *names: str) -> dict[str, Any]:
     """Return the processes of an agent with these nodes, or with `walker`, which write their numbers."""
-    write = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(1000)"
+    write = WRITES_PID + "time.sleep(1000)"
     return {
         name: {"command": [*SLEEPER[:2], write, str(tmp_path / name)], "start": True, "ready": "exec"}
         for name in names or ("walker",)
@@ -47,13 +40,6 @@ def pid(tmp_path: Path, other_than: int = 0, name: str = "walker") -> int:
 
     eventually(written, "a pid")
     return written()
-
-
-def halted(process: int) -> bool:
-    try:
-        return Path(f"/proc/{process}/stat").read_bytes().rpartition(b")")[2].split()[0] == b"T"
-    except OSError:
-        return False
 
 
 def leases(tmp_path: Path) -> list[dict[str, Any]]:

@@ -7,24 +7,17 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.clients.running_agent import DEAF, SLEEPER, WRITES_PID, agent, alive, config, marked, pid_file
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 
 FAMILY = (
     WRITES_PID + "import subprocess; "
     "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1000)', sys.argv[1]]); time.sleep(1000)"
 )
-
-
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double
 
 
 def python(code: str, *arguments: object) -> list[str]:
@@ -144,16 +137,6 @@ def test_a_process_that_ended_says_how_and_what_it_printed_last(
             eventually(lambda: reading(service, f"not running({name})") == found, said)  # noqa: B023  # at once
 
 
-def test_an_agent_that_is_killed_takes_along_what_is_halted(service: ServiceDouble, tmp_path: Path) -> None:
-    with agent(
-        config(tmp_path, service.url, {"laser": {"command": writing(tmp_path), "start": True}})
-    ) as process:
-        eventually(lambda: runs(service, "laser"), "running(laser)")
-        os.kill(pid_file(tmp_path, "pid"), signal.SIGSTOP)
-        process.kill()
-        eventually(lambda: not alive(pid_file(tmp_path, "pid")), "its end")
-
-
 def test_a_repeated_action_gets_its_first_result_even_from_the_next_agent(
     service: ServiceDouble, tmp_path: Path
 ) -> None:
@@ -238,15 +221,14 @@ def test_kill_9_of_the_agent_leaves_no_orphan(service: ServiceDouble, tmp_path: 
     processes = {
         "laser": {"command": python(FAMILY, mark), "start": True},
         "deaf": {"command": python(DEAF, deaf), "start": True},
+        "halted": {"command": writing(tmp_path), "start": True},
     }
-    file = config(tmp_path, service.url, processes)
-    with agent(file) as process:
+    with agent(config(tmp_path, service.url, processes)) as process:
         eventually(lambda: len(marked(mark)) >= 2 and marked(str(deaf)) and deaf.exists(), "all of them")
+        os.kill(pid_file(tmp_path, "pid"), signal.SIGSTOP)
         process.send_signal(signal.SIGKILL)
         process.wait(60)
         eventually(lambda: not marked(str(tmp_path)), "no process of this test")
-    with agent(file):  # and the state directory serves the next one
-        eventually(lambda: runs(service, "laser") is True, "running(laser)")
 
 
 def test_what_was_to_end_with_a_killed_agent_is_started_anew_by_the_next(

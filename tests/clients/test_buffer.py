@@ -1,11 +1,10 @@
-"""The queue on disk: order, bound, and what crashes leave behind."""
+"""What the agent keeps on disk, the queue and the results: order, bound, and what crashes leave behind."""
 
 from __future__ import annotations
 
 import signal
 import subprocess
 import sys
-import time
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robomend_client.buffer import BufferInUse, DiskBuffer, decode, encode
+from robomend_client.actions import ActionResult
+from robomend_client.agent.memory import FirstResults
+from robomend_client.buffer import DiskBuffer, decode, encode
 
 
 def drain(buffer: DiskBuffer) -> list[Any]:
@@ -64,11 +65,6 @@ def test_a_lost_head_sends_again_rather_than_nothing(tmp_path: Path) -> None:
     buffer.close()
     (tmp_path / "head").write_text("")
     assert drain(DiskBuffer(tmp_path)) == [0, 1, 2]
-
-
-def test_two_processes_cannot_share_it(tmp_path: Path) -> None:
-    with pytest.raises(BufferInUse, match="in use by another process"):
-        assert [filled(tmp_path, 1), DiskBuffer(tmp_path)]
 
 
 @settings(max_examples=60, deadline=None)
@@ -127,12 +123,36 @@ while True:
 def test_what_was_appended_survives_kill_9_of_the_writer(tmp_path: Path) -> None:
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
     assert writer.stdout is not None
-    writer.stdout.readline()
-    time.sleep(0.1)  # it is in the middle of its work
+    begun = [writer.stdout.readline() for _ in range(50)]  # it is in the middle of its work
     writer.send_signal(signal.SIGKILL)
-    said = [int(line) for line in writer.stdout.read().split(b"\n") if line]
+    said = [int(line) for line in (*begun, *writer.stdout.read().split(b"\n")) if line]
     writer.wait()
     writer.stdout.close()
     left = drain(DiskBuffer(tmp_path))
     assert left == list(range(len(left)))
     assert left[-1] >= said[-1]
+
+
+# --- the first result of each action ----------------------------------------------------------------------
+
+
+def test_the_first_results_survive_the_agent_and_a_torn_line(tmp_path: Path) -> None:
+    file = tmp_path / "results"
+    FirstResults(file).remember("r:1", ActionResult(0, "a “quoted” line\nand another"))
+    file.write_text(file.read_text() + '["r:2", 0, "to')
+    memory = FirstResults(file)
+    memory.remember("r:3", ActionResult(3))
+    again = FirstResults(file)
+    assert again.get("r:1") == ActionResult(0, "a “quoted” line\nand another")
+    assert (again.get("r:2"), again.get("r:3")) == (None, ActionResult(3))
+
+
+def test_the_newest_results_are_kept_in_memory_and_on_the_disk(tmp_path: Path) -> None:
+    file = tmp_path / "results"
+    memory = FirstResults(file, limit=10)
+    for number in range(100):
+        memory.remember(f"r:{number}", ActionResult(number))
+        assert len(file.read_text().splitlines()) <= 21
+    for known in (memory, FirstResults(file, limit=10)):
+        assert known.get("r:89") is None
+        assert known.get("r:90") == ActionResult(90)

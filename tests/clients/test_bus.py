@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from robomend_client.agent import broker as broker_module
 from robomend_client.agent.broker import MOST_CLIENTS, Broker, Tap
 from robomend_client.bus import LONGEST_LINE, Bus, BusGone, parse_address
 from robomend_client.observers import Contact
@@ -65,9 +64,7 @@ def test_messages_reach_the_observers_and_those_who_asked(kind: str, tmp_path: P
         b"x\n",
         b"[]\n",
         b'{"topic": 3, "data": 1}\n',
-        b'{"data": 1}\n',
         b'{"topic": "a", "time": "now"}\n',
-        b'{"topic": "a", "time": 1.5}\n',
         b'{"topic": "a", "fields": []}\n',
         b"[" * 5000 + b"\n",
         b"z" * 70000,
@@ -123,15 +120,13 @@ def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() ->
     with_broker("tcp:127.0.0.1:0", test)
 
 
-def test_one_client_too_many_is_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broker_module, "MOST_CLIENTS", 2)
-    assert MOST_CLIENTS > 2
-
+def test_one_client_too_many_is_turned_away() -> None:
     async def test(broker: Broker, heard: Heard) -> None:
-        buses = [await connect(broker) for _ in range(3)]
-        await asyncio.sleep(0.05)  # nobody answers a connection
+        buses = [await connect(broker) for _ in range(MOST_CLIENTS + 1)]
         with pytest.raises(BusGone):
-            await asyncio.to_thread(lambda: list(buses[2].receive()))
+            await asyncio.to_thread(lambda: list(buses[-1].receive()))
+        buses[-2].publish("a", 1)
+        await until(lambda: heard == [("a", 1)])
         for bus in buses:
             bus.close()
 

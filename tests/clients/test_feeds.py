@@ -14,8 +14,7 @@ import pytest
 from tests.clients.service_double import eventually
 
 from robomend_client.agent.config import load
-from robomend_client.agent.feeds import FEEDS, NEEDS, MissingExtra, Samples
-from robomend_client.agent.main import main
+from robomend_client.agent.feeds import Samples
 from robomend_client.agent.usage import Usage
 from robomend_client.yaml_reader import ConfigError
 
@@ -94,17 +93,6 @@ def written(tmp_path: Path, observers: str, more: str = "") -> Path:
     return file
 
 
-def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(NEEDS, "ros1", ("no_module_that_anybody_has",))
-    file = written(tmp_path, "  scan: {kind: general, from: ros1}")
-    with pytest.raises(MissingExtra):
-        load(file)
-    assert main([str(file)]) == 3
-    assert "ros1 needs what is installed with: pip install 'robomend-client[ros1]'" in capsys.readouterr().err
-
-
 def test_topics_may_come_from_elsewhere_all_or_each(tmp_path: Path) -> None:
     topics = "rate: {from: ros1}\ntopics: {scan: {}, odom: {from: bus}}"
     config = load(written(tmp_path, "  x: {kind: general}", topics))
@@ -116,32 +104,19 @@ def test_topics_may_come_from_elsewhere_all_or_each(tmp_path: Path) -> None:
         load(written(tmp_path, "  scan: {kind: general}", clash))
 
 
-def test_an_unknown_origin_is_refused_with_its_line(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"agent.yaml:4: observers.scan.from: no origin of samples is named .*: choose one of bus, ros1",
-    ):
-        load(written(tmp_path, "  scan: {kind: general, from: tin_can}"))
-
-
-def test_a_feed_reads_its_own_section_and_hears_what_is_wanted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(FEEDS.built_in, "tin_can", "tests.clients.tin_can:TinCan")
-    observers = "  a: {kind: general, from: tin_can}\n  p: {kind: property, source: 'host:Mem', high: 1}"
-    ((feed, sources),) = load(written(tmp_path, observers, "tin_can: {string_m: 5}")).feeds
-    assert sources == {"a"}
-    assert (feed.string_m, feed.sources) == (5, {"a"})  # type: ignore[attr-defined]  # TinCan's
-    with pytest.raises(ConfigError, match=r"tin_can.string: is no key here; did you mean string_m"):
-        load(written(tmp_path, observers, "tin_can: {string: 5}"))
-
-
 @pytest.mark.parametrize(
-    ("source", "complaint"),
-    [("processes:CPU(laser)", "the agent has no process laser"), ("host:Disk", "host:Disk is no source")],
+    ("observer", "complaint"),
+    [
+        (
+            "kind: property, source: 'processes:CPU(laser)', high: 1",
+            "source: .*the agent has no process laser",
+        ),
+        ("kind: property, source: 'host:Disk', high: 1", "source: .*host:Disk is no source"),
+        ("kind: general, from: tin_can", "from: no origin of samples is named .*: choose one of bus, ros1"),
+    ],
 )
 def test_what_the_agent_does_not_know_is_refused_with_its_line(
-    tmp_path: Path, source: str, complaint: str
+    tmp_path: Path, observer: str, complaint: str
 ) -> None:
-    with pytest.raises(ConfigError, match=rf"agent.yaml:4: observers.a.source: .*{complaint}"):
-        load(written(tmp_path, f"  a: {{kind: property, source: '{source}', high: 1}}"))
+    with pytest.raises(ConfigError, match=rf"agent.yaml:4: observers.a.{complaint}"):
+        load(written(tmp_path, f"  a: {{{observer}}}"))

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from tests.clients.bridges.any_robot import any_robot
 from tests.clients.running_agent import agent, config
-from tests.clients.service_double import ServiceDouble, eventually, service_double
+from tests.clients.service_double import ServiceDouble, eventually
 from tests.clients.talker import watching
 
 from robomend.api.routers.moments import MomentBody
@@ -38,12 +38,6 @@ sys.stdout.flush()
 time.sleep(float(sys.argv[1]))
 sys.exit(1)
 """
-
-
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double
 
 
 def complete(service: ServiceDouble) -> list[dict[str, Any]]:

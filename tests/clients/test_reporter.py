@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -15,11 +14,9 @@ import pytest
 
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.buffer import DiskBuffer
-from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import Outbox
-from robomend_client.python310 import timeout
 from robomend_client.rest import AsyncClient
 
 SCAN, ODOM = Atom("ok", ("scan",)), Atom("ok", ("odom",))
@@ -54,7 +51,11 @@ Test = Callable[[Seen, "asyncio.Task[None]", list[dict[str, Any]]], Awaitable[No
 
 
 def reporting(
-    tmp_path: Path, test: Test, heartbeat_s: float = 0.2, on_batch: Callable[[], None] = lambda: None
+    tmp_path: Path,
+    test: Test,
+    heartbeat_s: float = 0.2,
+    on_batch: Callable[[], None] = lambda: None,
+    answers: dict[str, Any] | None = None,
 ) -> list[dict[str, Any]]:
     """Run a reporter beside `test`; return the batches that a service, played by a transport, got."""
     got: list[dict[str, Any]] = []
@@ -63,7 +64,7 @@ def reporting(
         await asyncio.sleep(0)
         got.append(json.loads(request.content))
         on_batch()
-        return httpx.Response(200, json={"revision": len(got), "changed": []})
+        return httpx.Response(200, json={"revision": len(got), "changed": [], **(answers or {})})
 
     async def run() -> None:
         buffer = DiskBuffer(tmp_path)
@@ -88,20 +89,6 @@ def reporting(
 async def until(true: Callable[[], object]) -> None:
     while not true():
         await asyncio.sleep(0.005)
-
-
-def test_a_change_is_said_at_once_with_its_time_and_evidence(tmp_path: Path) -> None:
-    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        seen.say(good(SCAN, 50, 10), good(ODOM, 50, 20))
-        await until(lambda: len(got) >= 2)
-        seen.say(bad(SCAN, 60, 55, 54))
-        await until(lambda: any(batch["observations"] == ["not ok(scan)"] for batch in got))
-
-    got = reporting(tmp_path, test)
-    first = {"observations": ["ok(scan)", "ok(odom)"], "time": 50, "since": [10, 20]}
-    assert got[0] == first | {"source": "agent", "lifetime_s": 1, "together": False}
-    (change,) = [batch for batch in got if batch["observations"] == ["not ok(scan)"]]
-    assert (change["time"], change["since"], change["onset"]) == (60, [55], [54])
 
 
 def test_what_stands_is_said_again_while_changes_come_faster_than_they_are_taken(tmp_path: Path) -> None:
@@ -156,95 +143,20 @@ def test_what_was_judged_anew_and_is_bad_is_said_again_before_the_next_heartbeat
     assert got[-1]["observations"] == ["ok(scan)", "not ok(odom)"]  # of its own, and not followed any more
 
 
-HOUR_NS = 3600 * 10**9
-
-
-class WallClock:
-    """The computer's clock, to be set by a test."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.ns = 1_800_000_000 * 10**9
-        monkeypatch.setattr(time, "time_ns", lambda: self.ns)
-
-
-def test_stamps_go_on_when_the_computers_clock_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = WallClock(monkeypatch)
-    stamps = Clock()
-    first = stamps.now_ns()
-    clock.ns -= HOUR_NS
-    later = [stamps.now_ns() for _ in range(1000)]
-    assert first <= later[0]
-    assert later == sorted(later)
-    assert later[0] < later[-1]
-    clock.ns += 2 * HOUR_NS
-    assert stamps.now_ns() >= clock.ns
-
-
-def heartbeats(
-    tmp_path: Path,
-    clock: WallClock,
-    answer: Callable[[int], httpx.Response],
-    test: Callable[[Outbox, list[int]], Awaitable[None]],
-) -> None:
-    """Run a reporter that has one thing to say beside `test`, which sees the stamps that the service gets."""
-    stamped: list[int] = []
-
-    def got(request: httpx.Request) -> httpx.Response:
-        stamped.append(json.loads(request.content)["time"])
-        return answer(stamped[-1])
-
-    async def run() -> None:
-        buffer = DiskBuffer(tmp_path)
-        async with AsyncClient("http://service", transport=httpx.MockTransport(got)) as client:
-            outbox = Outbox(client, "r", buffer)
-            reporter = VerdictReporter(outbox, "agent", 0.02, 1, lambda: [Verdict(Literal(SCAN), 0)])
-            reporter.report([good(SCAN, clock.ns)])
-            task = asyncio.create_task(reporter.run())
-            try:
-                async with timeout(20):
-                    await test(outbox, stamped)
-            finally:
-                task.cancel()
-                await asyncio.wait({task}, timeout=60)
-        buffer.close()
-
-    asyncio.run(run())
-
-
-def test_stamps_that_the_service_refuses_follow_the_computers_clock_and_the_first_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    clock = WallClock(monkeypatch)
-    right_ns = clock.ns
-    clock.ns += HOUR_NS  # wrong at first, and mended later
-
-    def answer(time_ns: int) -> httpx.Response:
-        ahead = time_ns > right_ns + HOUR_NS // 60
-        return httpx.Response(422 if ahead else 200, json={"code": "bad-input"} if ahead else {"revision": 1})
-
-    async def test(outbox: Outbox, stamped: list[int]) -> None:
-        await until(lambda: outbox.refused > 2)
-        clock.ns -= HOUR_NS
-        await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)
-
-    heartbeats(tmp_path, clock, answer, test)
-    told = [record for record in caplog.records if "the service refused" in record.message]
-    assert [record.levelname for record in told if record.levelno > logging.DEBUG] == ["ERROR"]
-
-
 def test_a_sentence_that_the_service_does_not_keep_does_not_set_the_stamps_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock = WallClock(monkeypatch)
+    now_ns = [1_800_000_000 * 10**9]
+    monkeypatch.setattr(time, "time_ns", lambda: now_ns[0])
     refused = {"sentence": "ok(scan)", "message": "the model does not declare it"}
 
-    async def test(outbox: Outbox, stamped: list[int]) -> None:
-        await until(lambda: len(stamped) > 2)
-        clock.ns -= HOUR_NS
-        more = len(stamped) + 5
-        await until(lambda: len(stamped) > more)
-        assert stamped == sorted(stamped)
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, now_ns[0]))
+        await until(lambda: len(got) > 2)
+        now_ns[0] -= 3600 * 10**9
+        more = len(got) + 5
+        await until(lambda: len(got) > more)
 
-    heartbeats(
-        tmp_path, clock, lambda _: httpx.Response(200, json={"revision": 1, "refused": [refused]}), test
-    )
+    got = reporting(tmp_path, test, heartbeat_s=0.02, answers={"refused": [refused]})
+    times = [batch["time"] for batch in got]
+    assert times == sorted(times)

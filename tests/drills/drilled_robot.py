@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tests.clients.running_agent import alive
+from tests.clients.running_agent import alive, halted
+from tests.clients.talker import free_port
 from tests.forked import popen
 from tests.repairs.robot import MODEL as SMALL
 from tests.waiting import look_s, until
@@ -197,13 +198,7 @@ class DrilledRobot:
 
     def halted(self) -> list[str]:
         """Return the nodes whose process is halted."""
-        found = []
-        for name, pid in self.nodes().items():
-            with contextlib.suppress(OSError):
-                stat = Path(f"/proc/{pid}/stat").read_bytes()
-                if stat.rpartition(b")")[2].split()[0] == b"T":
-                    found.append(name)
-        return found
+        return [name for name, pid in self.nodes().items() if halted(pid)]
 
     # --- the robot, as the service has it
 
@@ -261,11 +256,6 @@ class DrilledRobot:
             looked = time.monotonic()
         raise AssertionError(f"waited {timeout_s} s; the drill is {seen}")
 
-    def holds(self, literal: str) -> bool:
-        """Return whether this is observed."""
-        with self.client as client:
-            return literal in {one["literal"] for one in client.observations("r1")["observations"]}
-
     def ended(self, drill: str) -> dict[str, Any]:
         return self.drill(drill, lambda one: one["finished_ns"] is not None)
 
@@ -316,13 +306,6 @@ class DrilledRobot:
         if leases.exists() and json.loads(leases.read_text())["faults"]:
             found.append(leases.read_text())
         return found
-
-
-def free_port() -> int:
-    """Return a port that the system chooses, and nobody has."""
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
 
 
 @contextmanager

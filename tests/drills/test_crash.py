@@ -79,20 +79,27 @@ def by_command(robot: DrilledRobot, fault: str) -> tuple[subprocess.Popen[bytes]
         return command, new()[0]
 
 
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize("keep", [False, True], ids=["nodes end with the agent", "nodes outlive the agent"])
-def test_killed_at_random_moments_nothing_is_left(tmp_path: Path, long: bool, keep: bool) -> None:
-    if keep and not long:
-        pytest.skip("a robot more to start: the long version has it; test_agent_planted.py keeps nodes, too")
+def drilled_and_killed(robot: DrilledRobot, drills: int) -> None:
     seed = random.randrange(1 << 30)
     rng = random.Random(seed)
     found: list[tuple[str, str, str, str]] = []
-    with drilled_robot(tmp_path, keep=keep) as robot:
-        for number in range(50 if long else 2):
-            victim = ("service", "agent", "command")[number % 3] if long else ("agent", "service")[number]
-            try:
-                found.append((victim, *one_round(robot, rng, victim)))
-            except AssertionError as error:
-                raise AssertionError(f"seed {seed}, drill {number}, {victim}: {error}") from error
+    for number in range(drills):
+        victim = ("agent", "service", "command")[number % 3]
+        try:
+            found.append((victim, *one_round(robot, rng, victim)))
+        except AssertionError as error:
+            raise AssertionError(f"seed {seed}, drill {number}, {victim}: {error}") from error
     counted = Counter((victim, at, end) for victim, _, at, end in found)
     print(len(found), sorted(counted.items()), Counter(name for _, name, _, _ in found))
+
+
+@pytest.mark.timeout(3600)
+def test_killed_at_random_moments_nothing_is_left(robot: DrilledRobot, long: bool) -> None:
+    drilled_and_killed(robot, 50 if long else 2)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_nor_where_nodes_outlive_the_agent(tmp_path: Path) -> None:
+    with drilled_robot(tmp_path, keep=True) as robot:
+        drilled_and_killed(robot, 50)

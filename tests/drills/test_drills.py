@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-import httpx
 import pytest
 from tests.drills.drilled_robot import DrilledRobot
 from tests.waiting import until
@@ -23,6 +22,7 @@ def refused(robot: DrilledRobot, fault: str, component: str) -> tuple[int, str]:
     [
         ("node-killed", "mapping", "start_node(mapping)"),
         ("node-frozen", "mapping", "start_node(mapping)"),
+        ("node-mute", "mapping", "start_node(mapping)"),
         ("device-off", "base", "power_up(base)"),
     ],
 )
@@ -44,20 +44,22 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
         past = [line["data"] for line in client.history("r1", kind="diagnosis", limit=20)["items"]]
         at_fault = [one for one in past if component in str(one["result"]["diagnoses"])]
         assert drill["id"] in {one["drill"] for one in at_fault}
-
-
-def test_a_mute_process_in_a_nodes_place_is_seen_and_the_repair_starts_the_node_again(
-    robot: DrilledRobot,
-) -> None:
-    drill = robot.start_drill("node-mute", "mapping")
-    ended = robot.ended(drill["id"])
-    assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
-    seen = ended["seen"]
-    assert ["mapping"] in seen["diagnoses"]
-    assert "not running(mapping)" not in {
-        text for text, at_s in seen["showed"].items() if at_s < seen["acted_s"]
-    }
-    assert (seen["repair_state"], seen["needless"]) == ("repaired", [])
+        if fault == "node-mute":  # another process stands in for it
+            before = {text for text, at_s in seen["showed"].items() if at_s < seen["acted_s"]}
+            assert "not running(mapping)" not in before
+        told = []
+        for event in client.events(robot="r1", after=0):
+            if event.kind == "drill" and event.data["id"] == drill["id"]:
+                told.append(event.data["state"])
+                if event.data["finished_ns"] is not None:
+                    break
+        audit = client.audit("r1", limit=200)["items"]
+    audited = [one["action"] for one in reversed(audit) if one["subject"] == drill["id"]]
+    states = ["waiting", "planting", "planted", "undoing", "recovering", "done"]
+    assert told == sorted(told, key=states.index)
+    assert audited == ["drill.create", *(f"drill.{state}" for state in states[1:] if state in told)]
+    if fault == "node-killed":
+        assert set(told) == set(states)
 
 
 # An agent that is starved calls messages that come seconds late unknown: they are delayed with --long, alone.
@@ -120,7 +122,7 @@ def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(ro
         drill = robot.start_drill("channel-short", "base", bound_s=300.0, detect_s=200.0)
         robot.in_state(drill["id"], "planted")
         # Its driver holds a dead connection from then on: who looks for health later must know that.
-        until(lambda: robot.holds("not ok(odom)"), "its odometry is silent")
+        until(lambda: "not ok(odom)" in robot.held(), "its odometry is silent")
         robot.kill("service")
         assert robot.board_faults()
         robot.start_service()
@@ -130,30 +132,6 @@ def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(ro
     finally:
         robot.configure(policy="auto")
     robot.until_healthy()
-
-
-def counted(robot: DrilledRobot) -> list[str]:
-    """Return the metrics of repairs."""
-    text = httpx.get(f"{robot.url}/metrics", timeout=60).text
-    return sorted(line for line in text.splitlines() if line.startswith("robomend_repair_changes_total"))
-
-
-def test_each_state_of_a_drill_is_an_event_and_an_entry_of_the_audit_log(robot: DrilledRobot) -> None:
-    drill = robot.start_drill("node-killed", "mapping")
-    robot.ended(drill["id"])
-    with robot.client as client:
-        audited = [one for one in client.audit("r1", limit=200)["items"] if one["subject"] == drill["id"]]
-        seen = []
-        for event in client.events(robot="r1", after=0):
-            if event.kind == "drill" and event.data["id"] == drill["id"]:
-                seen.append(event.data["state"])
-                if event.data["finished_ns"] is not None:
-                    break
-    states = ["waiting", "planting", "planted", "undoing", "recovering", "done"]
-    assert sorted(set(seen), key=states.index) == states
-    assert seen == sorted(seen, key=states.index)
-    wanted = ["drill.create", *(f"drill.{state}" for state in states[1:])]
-    assert [one["action"] for one in reversed(audited)] == wanted
 
 
 def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: DrilledRobot) -> None:

@@ -32,13 +32,12 @@ def generated(rng: random.Random) -> tuple[str, frozenset[str]]:
     return "\n".join(parts) + "\n", frozenset(topic for topic in topics if rng.random() < 0.2)
 
 
+@pytest.mark.long  # a robot of its own, and minutes of drills: test_command.py has a short one
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("seed", range(16))
 def test_what_is_promised_to_be_told_apart_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int, long: bool
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
 ) -> None:
-    if not long:
-        pytest.skip("a robot of its own, and minutes of drills: test_command.py has a short one")
     source, unwatched = generated(random.Random(seed))
     limits = {"limits": {"attempts_per_hour": 1000}}
     with drilled_robot(tmp_path, source=source, unwatched=unwatched, config=limits) as robot:

@@ -63,13 +63,6 @@ def test_the_observer_to_look_at_is_named_with_its_agent() -> None:
     assert what == "the observer of ok(scan) (agent onboard): `not ok(scan)` was to be seen, and was not"
 
 
-def test_worse_than_promised_names_the_observer_that_said_nothing() -> None:
-    found = row(diagnoses=[["lidar"], ["driver"]], showed={"not ok(scan)": 0.4})
-    assert found["look_at"] == [
-        "the observer of running(driver): `not running(driver)` was to be seen, and was not"
-    ]
-
-
 def test_worse_than_promised_names_the_observer_that_was_slower_than_the_repair() -> None:
     late = {"not ok(scan)": 0.4, "not running(driver)": 2.0}
     [what] = row(diagnoses=[["lidar"], ["driver"]], showed=late)["look_at"]

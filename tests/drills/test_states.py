@@ -10,7 +10,6 @@ from robomend.drills.record import (
     DRILL,
     ENDS,
     INITIAL,
-    MAYBE_PLANTED,
     OPEN,
     DrillState,
     DrillTrigger,
@@ -50,17 +49,6 @@ def test_every_state_can_be_reached_and_only_ends_have_no_way_out() -> None:
         frontier += new
     assert reached == set(DrillState)
     assert {state for state in DrillState if not targets(state)} == ENDS
-
-
-@pytest.mark.parametrize("state", MAYBE_PLANTED)
-def test_the_global_stop_holds_a_drill_wherever_it_is_and_then_it_is_undone(state: DrillState) -> None:
-    stopped = after(DRILL, state, DrillTrigger.STOPPED)
-    assert after(DRILL, stopped, DrillTrigger.LIFTED) is DrillState.UNDOING
-
-
-@pytest.mark.parametrize("state", [DrillState.PLANTING, DrillState.PLANTED])
-def test_whatever_cuts_a_drill_short_leads_to_its_undo(state: DrillState) -> None:
-    assert after(DRILL, state, DrillTrigger.CUT_SHORT) is DrillState.UNDOING
 
 
 def test_nothing_is_planted_before_its_undo_is_written() -> None:

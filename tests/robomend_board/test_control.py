@@ -8,7 +8,7 @@ import pytest
 from tests.robomend_board.processes import Control, RawClient, Running, running
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def emulator() -> Iterator[Running]:
     with running("--on", "2") as emulator:
         yield emulator
@@ -69,17 +69,12 @@ def test_one_that_watches_gets_every_channel_and_then_every_change(
         ("hello", "a JSON object with one of the keys fault, clear, set, status, watch"),
         ("\x00h\x00i", "a JSON object with one of the keys"),  # json would take it for UTF-16
         ("[" * 5000, "a JSON object with one of the keys"),
-        ("7", "one of the keys fault, clear, set, status, watch"),
-        ("{}", "one of the keys"),
         ('{"status": true, "watch": true}', "one of the keys"),
         ('{"fault": "gremlins"}', "there are stuck"),
-        ('{"clear": "gremlins"}', "and all"),
         ('{"clear": ["all"]}', "and all"),
-        ('{"clear": "stuck", "channel": 99}', "0 to 9"),
         ('{"set": {"channel": 7}}', '"on": false'),
         ('{"set": 7}', '"on": false'),
         ('{"set": {"channel": 12, "on": true}}', "0 to 9"),
-        ('{"set": {"channel": 7, "on": true, "for": 3}}', "for: not a key"),
         ('{"status": true, "of": 7}', "of: not a key"),
     ],
 )

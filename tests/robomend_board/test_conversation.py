@@ -30,24 +30,8 @@ def replies(conversation: Conversation, data: bytes, now_s: float = 0.0) -> list
     return found
 
 
-def raw(conversation: Conversation, frame: str) -> str:
-    return b"".join(map(encode, replies(conversation, bytes.fromhex(frame)))).hex(" ").upper()
-
-
 def a_board(on: tuple[int, ...] = (2,)) -> Conversation:
     return Conversation(Board(default_rig(10), on))
-
-
-def test_the_golden_dialogue() -> None:
-    board = a_board()
-    assert encode(board.greeting())[:5] == bytes.fromhex("02 00 51 00 0A")
-    assert raw(board, "02 01 01 00 C8") == "02 05 01 00 00"
-    assert board.broadcast_hz == 200
-    assert raw(board, "02 04 02 00 03 01") == "02 05 01 00 00"
-    assert raw(board, "02 03 00 00").startswith("02 05 01 00 00 02 02 5B 00 0A 00")
-    assert raw(board, "02 03 01 00 00").startswith("02 05 01 00 00 02 02 5B 00 0A 00")
-    assert raw(board, "02 01 01 00 00") == "02 05 01 00 00"
-    assert board.broadcast_hz == 0
 
 
 commands: st.SearchStrategy[Command] = st.one_of(

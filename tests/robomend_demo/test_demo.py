@@ -167,14 +167,6 @@ def test_the_report_holds_both_timelines_and_the_same_json(both: tuple[dict[str,
     assert sorted(file.name for file in report.iterdir()) == ["demo.json", "power-up.svg", "shut-down.svg"]
 
 
-def test_the_papers_domain_needs_two_rounds_for_the_lost_power(tmp_path: Path) -> None:
-    shut_down = scenario(play(tmp_path / "paper", "--domain", "paper"), "shut-down")
-    assert shut_down["repaired"] is True
-    assert shut_down["diagnosis"]["bad"] == ["jaguar"]
-    assert [done["diagnosis"]["bad"] for done in shut_down["rounds"]] == [["jaguar"], ["jaguar_node"]]
-    assert [done["plan"] for done in shut_down["rounds"]] == [RESTART[:1], RESTART[1:]]
-
-
 # --- ending early ----------------------------------------------------------------------------------------
 
 
@@ -192,14 +184,20 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
             demo.nothing_is_left()
 
 
-def test_ctrl_c_while_it_holds_is_the_ordinary_end(tmp_path: Path) -> None:
-    options = ("--scenario", "shut-down", "--hold", "--format", "json")
+def test_the_papers_domain_needs_two_rounds_for_the_lost_power_and_ctrl_c_while_it_holds_is_the_ordinary_end(
+    tmp_path: Path,
+) -> None:
+    options = ("--domain", "paper", "--hold", "--format", "json")
     with playing(tmp_path / "held", *options, start=popen) as demo:
         demo.until_said("Ctrl-C ends it")
-        assert scenario(json.loads((demo.folder / "out").read_text()), "shut-down")["repaired"] is True
+        shut_down = scenario(json.loads((demo.folder / "out").read_text()), "shut-down")
         demo.process.send_signal(signal.SIGINT)
         assert demo.process.wait(END_S) == 0, demo.said()
         demo.nothing_is_left()
+    assert shut_down["repaired"] is True
+    assert shut_down["diagnosis"]["bad"] == ["jaguar"]
+    assert [done["diagnosis"]["bad"] for done in shut_down["rounds"]] == [["jaguar"], ["jaguar_node"]]
+    assert [done["plan"] for done in shut_down["rounds"]] == [RESTART[:1], RESTART[1:]]
 
 
 def test_kill_9_of_the_demo_ends_its_parts_and_the_next_one_sweeps_its_folder(tmp_path: Path) -> None:

@@ -42,11 +42,6 @@ def test_the_picture_says_who_is_bad_and_what_is_being_done() -> None:
     assert "▶  Start n  0.12 s  0.03 s" in now
 
 
-def test_a_component_that_only_some_diagnoses_blame_is_a_suspect() -> None:
-    assert drawn(seen(306), 306).count("suspect") == 2
-    assert "not diagnosed yet" in drawn(seen(0), 0)
-
-
 def test_the_longest_names_of_the_robot_fit_72_columns() -> None:
     components = load_model(resource("examples", "tedusar.yaml")).cnf.components
     view = seen(130)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from tests.clients.bridges.any_robot import ORIGINS, AnyRobot, any_robot
-from tests.clients.service_double import ServiceDouble, service_double
 from tests.ros1 import Robot
 from tests.ros1 import robot as ros1_robot
 from tests.ros2 import Ros2Robot
@@ -38,9 +37,3 @@ def zenoh_robot(tmp_path: Path) -> Iterator[ZenohRobot]:
 def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[AnyRobot]:
     with any_robot(request.param, tmp_path) as found:
         yield found
-
-
-@pytest.fixture
-def service() -> Iterator[ServiceDouble]:
-    with service_double() as double:
-        yield double

@@ -1,4 +1,4 @@
-"""Listening to a robot of which nothing is known, to a real ROS 1 and a real ROS 2."""
+"""Listening to a robot of which nothing is known; test_attach.py has one of each kind."""
 
 from __future__ import annotations
 
@@ -45,26 +45,8 @@ def enough(heard: Heard) -> bool:
         named and counts.get("/scan", 0) > 20 and counts.get("/pose", 0) > 20 and counts.get("/map", 0) > 0
     )
     device = heard.devices.get("xavier-7")
-    flowed = flowed and device is not None and bool(device.node)
+    flowed = flowed and device is not None and bool(device.node) and len(heard.devices) > 1
     return flowed and bool(heard.statuses) and bool(heard.actions) and "/cmd_vel" in counts
-
-
-def judged(heard: Heard) -> None:
-    """What is the same of both."""
-    assert {"/laser", "/mapper"} <= heard.graph.nodes
-    assert heard.graph.publishers["/pose"] == {"/mapper"}
-    assert heard.graph.subscribers["/scan"] >= {"/mapper"}
-    assert heard.topics["/scan"].usual_s == pytest.approx(0.1, rel=0.5)
-    assert heard.topics["/cmd_vel"].count == 0
-    assert [name for name, one in heard.topics.items() if one.latched and name in ("/scan", "/map")] == [
-        "/map"
-    ]
-    assert heard.statuses["mapper: cpu"].levels == {0}
-    assert heard.statuses["mapper: cpu"].publishers == {"/mapper"}
-    assert heard.actions == {"/fib": "/mapper"}
-    assert heard.devices["xavier-7"] == HeardDevice("hardware_id of the status 'mapper: cpu'", "/mapper")
-    assert not heard.gone
-    assert heard.seconds > 0
 
 
 def test_a_robot_with_ros_2_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,29 +64,25 @@ def test_a_robot_with_ros_2_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyP
         mapper.do("lifecycle", name="camera")
         about = {"topic": "/robot_description", "type": kind, "value": {"data": CONTROLLED}}
         mapper.do("publish", **about, latched=True)
-        heard = listened(Ros2Hearing(ros.domain), lambda one: enough(one) and len(one.devices) > 1)
-    judged(heard)
+        heard = listened(Ros2Hearing(ros.domain), enough)
+    assert {"/laser", "/mapper"} <= heard.graph.nodes
+    assert heard.graph.publishers["/pose"] == {"/mapper"}
+    assert heard.graph.subscribers["/scan"] >= {"/mapper"}
+    assert heard.topics["/scan"].usual_s == pytest.approx(0.1, rel=0.5)
+    assert heard.topics["/cmd_vel"].count == 0
+    assert [name for name, one in heard.topics.items() if one.latched and name in ("/scan", "/map")] == [
+        "/map"
+    ]
+    assert heard.statuses["mapper: cpu"].levels == {0}
+    assert heard.statuses["mapper: cpu"].publishers == {"/mapper"}
+    assert heard.actions == {"/fib": "/mapper"}
+    assert heard.devices["xavier-7"] == HeardDevice("hardware_id of the status 'mapper: cpu'", "/mapper")
+    assert not heard.gone
+    assert heard.seconds > 0
     assert heard.devices["base"].source == "ros2_control of robot_description, diffdrive/Serial"
     assert heard.lifecycle == {"/camera": ""}
     assert heard.origin == {"ros2": {"domain": ros.domain}}
     assert any("no message goes there" in remark for remark in heard.remarks)
-
-
-def test_a_robot_with_ros_1_is_heard(tmp_path: Path) -> None:
-    with ros1_robot(tmp_path) as ros:
-        kind = "std_msgs/String"
-        ros.node("laser").do("publish", topic="/scan", type=kind, rate=10)
-        mapper = ros.node("mapper_30719_1739203333671")
-        mapper.do("subscribe", topic="/scan", type=kind)
-        mapper.do("publish", topic="/map", type=kind, latch=True)
-        mapper.do("again", topic="/map")
-        mapper.do("publish", topic="/pose", type=kind, rate=20)
-        mapper.do("publish", topic="/cmd_vel", type=kind)
-        mapper.do("publish", topic="/diagnostics", type=DIAGNOSTICS, rate=5, value=STATUS)
-        mapper.do("publish", topic="/fib/result", type="actionlib/TestActionResult")
-        heard = listened(Ros1Hearing(ros.master.uri), enough)
-    judged(heard)
-    assert heard.origin == {"ros1": {"master": ros.master.uri}}
 
 
 def test_a_node_that_ends_is_told_and_one_that_comes_later_is_heard(tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ def watching(robot: AnyRobot) -> dict[str, Any]:
 WELL = dict.fromkeys(("ok(laser)", "ok(motor)", "running(laser)", "running(motor)"), True)
 
 
+@pytest.mark.timeout(300)  # a whole session
 def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path
 ) -> None:
@@ -61,29 +62,22 @@ def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
         eventually(lambda: len(service.batches()) > batches + 10, "more of it", 60)
         eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
         assert said(service, batches) == set(WELL)
-
-
-@pytest.mark.parametrize("robot", ["ros2", "zenoh"], indirect=True)
-def test_what_waited_while_the_agent_was_halted_is_no_sign_that_others_have_found_it_again(
-    robot: AnyRobot, service: ServiceDouble, tmp_path: Path
-) -> None:
-    """They are busy when it goes on, and find it later: until then their topics are unknown."""
-    sections = watching(robot)
-    topics = {name: WELL[name] for name in ("ok(laser)", "ok(motor)")}
-    with agent(config(tmp_path, service.url, {}, **sections)) as halted:
-        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
+        if robot.origin == "ros1":
+            return
+        # What waited is no sign that others have found it again: here they are busy, and find it later.
         halted.send_signal(signal.SIGSTOP)
-        time.sleep(LONG_S)  # time itself is what passes unseen
+        time.sleep(LONG_S)  # likewise
         batches = len(service.batches())
         for name in ("laser", "motor"):
             robot.nodes[name].signal(signal.SIGSTOP)
         halted.send_signal(signal.SIGCONT)
+        topics = {"ok(laser)", "ok(motor)"}
         eventually(lambda: service.signs().items() >= dict.fromkeys(topics).items(), "unknown", 60)
         time.sleep(2)  # longer than any silence
         for name in ("laser", "motor"):
             robot.nodes[name].signal(signal.SIGCONT)
         eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
-        assert {one for one in said(service, batches) if "ok" in one} == set(topics)
+        assert {one for one in said(service, batches) if "ok" in one} == topics
 
 
 def test_one_peer_that_was_halted_for_longer_than_its_lease_leaves_all_others_as_they_were(
@@ -139,6 +133,11 @@ HEARD_FOR_A_MINUTE = {
 """What `robomend attach` writes of a topic at 20 Hz."""
 
 
+@pytest.mark.parametrize(
+    "robot",
+    ["ros2", *(pytest.param(one, marks=pytest.mark.long) for one in ("ros1", "zenoh"))],
+    indirect=True,
+)
 @pytest.mark.timeout(300)  # a whole session
 def test_an_agent_that_is_starved_as_its_robot_is_does_not_call_it_slow_and_then_does(
     robot: AnyRobot, service: ServiceDouble, tmp_path: Path
@@ -152,7 +151,7 @@ def test_an_agent_that_is_starved_as_its_robot_is_does_not_call_it_slow_and_then
         with starved(laser.pid, halted_s=0.3):
             with starved(one.pid):
                 eventually(lambda: service.signs().get("ok(scan)") is not True, "it is not well", 60)
-                time.sleep(LONG_S)  # meanwhile nothing bad is said
+                time.sleep(8)  # twice as long as a window takes, and a silence: meanwhile nothing bad is said
                 assert said(service, batches) <= {"ok(scan)"}
             eventually(lambda: service.signs().get("ok(scan)") is False, "it is slow", 60)
         eventually(lambda: service.signs().get("ok(scan)") is True, "all well again", 60)

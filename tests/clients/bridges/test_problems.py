@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend_client.bridges.problems import MOST_MESSAGES, Complaint, Problems
-from robomend_client.bridges.ros1.tcpros import LONGEST_HEADER, ProtocolError, TcprosDecoder
+from robomend_client.bridges.problems import MOST_MESSAGES, Problems
 
 
 def told(caplog: pytest.LogCaptureFixture) -> list[str]:
@@ -29,22 +28,6 @@ def test_a_place_that_always_says_something_else_has_a_bound(caplog: pytest.LogC
     for number in range(MOST_MESSAGES + 5):
         problems.tell("/scan by /laser", f"message {number} cannot be read")
     assert len(told(caplog)) == MOST_MESSAGES
-
-
-def test_garbage_that_is_never_the_same_is_told_once_with_what_it_was_first(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    problems = Problems("ROS 1")
-    for more in range(1, 5):
-        with pytest.raises(ProtocolError) as found:
-            TcprosDecoder(keep=True).receive((LONGEST_HEADER + more).to_bytes(4, "little"))
-        problems.tell("/scan from http://laser", found.value)
-    problems.tell("/scan from http://laser", Complaint("it refuses"))
-    assert told(caplog) == [
-        f"ROS 1, /scan from http://laser: a header that is too long: {LONGEST_HEADER + 1} bytes",
-        "ROS 1, /scan from http://laser: it refuses",
-    ]
-    assert problems.counts["/scan from http://laser"] == 5
 
 
 def test_bad_messages_among_good_ones_are_one_problem(caplog: pytest.LogCaptureFixture) -> None:

@@ -59,16 +59,6 @@ def test_when_the_timer_wakes_up_makes_no_difference(gaps_ms: list[int], wakes_m
     assert run(sorted(ms * 1_000_000 for ms in wakes_ms)) == run([])
 
 
-def test_heartbeats_carry_the_present_evidence_and_change_nothing() -> None:
-    observer = GeneralObserver("scan", RATE)
-    driver = Driver([observer], 0)
-    beat(driver, "scan", 0, 30)
-    driver.advance(ns(2.9))
-    assert bare(driver.standing()) == [Verdict(holds("ok", "scan"), ns(1.9))]
-    driver.advance(ns(7))
-    assert bare(driver.standing()) == [Verdict(fails("ok", "scan"), ns(6.5), ns(2.9))]
-
-
 # --- settling ---------------------------------------------------------------------------------------------
 
 
@@ -284,8 +274,8 @@ def test_a_fault_that_is_judged_anew_and_goes_on_began_when_it_began() -> None:
     assert silent.onset_ns == ns(11.9)
 
 
-@pytest.mark.parametrize("rate", [RATE, Rate.published(), Rate(), Rate(rate_hz=100, tolerance_hz=10)])
-@pytest.mark.parametrize("late_s", [0.05, 0.15, 0.2, 0.6, 1.0, 1.3, 3.0])
+@pytest.mark.parametrize("rate", [Rate.published(), Rate(), Rate(rate_hz=100, tolerance_hz=10)])
+@pytest.mark.parametrize("late_s", [0.05, 0.2, 0.6, 3.0])
 @pytest.mark.parametrize("settled_s", [0.1, 0.7, 4.0])
 def test_however_late_an_agent_is_the_rate_stays_what_it_is(
     rate: Rate, late_s: float, settled_s: float
@@ -342,13 +332,6 @@ def test_a_short_lapse_only_puts_ticks_off() -> None:
         (ns(2.75), fails("ok", "scan")),
         (ns(2.76), None),
     ]
-
-
-def test_a_restart_makes_all_unknown() -> None:
-    driver = Driver([Told("a")], ns(100))
-    driver.sample("a", ns(100), 1, ns(100))
-    assert driver.restart(ns(5)) == [Change(ns(5), SCAN, None)]
-    assert values(driver.sample("a", ns(5), 1, ns(5))) == ["ok(scan)"]
 
 
 # --- nobody looks ------------------------------------------------------------------------------------------

@@ -61,15 +61,6 @@ def test_a_running_mean_does_not_drift() -> None:
     assert value == pytest.approx(0.1, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "named"), [({"filter": "x"}, "filter"), ({"filter_window": 0}, "filter_window"),
-    ({"filter_decay": 0.0}, "filter_decay")]
-)  # fmt: skip
-def test_impossible_filters_are_refused_by_name(wrong: dict[str, object], named: str) -> None:
-    with pytest.raises(ValueError, match=rf"^{named} "):
-        Filter(**wrong)  # type: ignore[arg-type]  # numbers and words in one table
-
-
 # From the tables of the distribution: two-sided level, degrees of freedom, t.
 TABLE = [
     (0.05, 1, 12.7062), (0.05, 2, 4.30265), (0.05, 3, 3.18245), (0.05, 4, 2.77645), (0.05, 9, 2.26216),

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import NamedTuple
 
 import pytest
 
 from robomend_client.literals import Atom, Literal, fails, holds
-from robomend_client.observers import BOARD, SECOND, BoardReadings, Evidence, HardwareObserver, Wiring, ns
+from robomend_client.observers import BOARD, BoardReadings, Evidence, HardwareObserver, Wiring, ns
 
 
 class Channel(NamedTuple):
@@ -35,22 +34,6 @@ class Board:
         channels = (*(idle,) * 7, Channel(on, current_a, 24.0), idle, idle)
         self.observer.feed(BOARD, ns(time_s), channels)
         return set(self.observer.check(ns(time_s)))
-
-
-def quiet(board: Board, time_s: float) -> set[Literal]:
-    board.observer.feed(BOARD, ns(time_s), None)
-    return set(board.observer.check(ns(time_s)))
-
-
-def test_a_channel_that_is_on_gives_on_and_one_that_is_off_gives_not_on() -> None:
-    board = Board({"jaguar": Wiring(7), "hokuyo": Wiring(3)})
-    assert board.measure(0) == {holds("on", "jaguar"), fails("on", "hokuyo")}
-
-
-def test_silence_is_unknown_and_gives_nothing() -> None:
-    board = Board(JAGUAR)
-    board.measure(0)
-    assert quiet(board, 1) == set()
 
 
 def test_a_current_is_judged_after_it_settled_and_three_readings_agree() -> None:
@@ -94,16 +77,6 @@ def test_verdicts_rest_on_measurements_and_began_after_the_last_good_one() -> No
     assert board.observer.evidence(CURRENT, ns(5))[:2] == Evidence(ns(3), ns(2))[:2]
     board.measure(6, on=False)
     assert board.observer.evidence(Atom("on", ("jaguar",)), ns(6))[:2] == Evidence(ns(6), ns(5))[:2]
-
-
-@pytest.mark.parametrize(
-    "channels",
-    ['[{"on": true, "current_a": 3.0}]', "[[true, 3.0, 24.0]]", '[{"on": true, "current_a": null}]'],
-)
-def test_measurements_may_come_as_json(channels: str) -> None:
-    observer = HardwareObserver({"a": Wiring(0)})
-    observer.feed(BOARD, SECOND, json.loads(channels))
-    assert observer.check(SECOND) == (holds("on", "a"),)
 
 
 def test_what_is_no_list_of_channels_is_refused() -> None:

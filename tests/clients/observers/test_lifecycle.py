@@ -6,12 +6,10 @@ from itertools import pairwise
 
 from tests.clients.observers.driving import values
 
-from robomend_client.literals import Atom
 from robomend_client.observers import Change, Driver, Publishers, ns
 from robomend_client.observers.lifecycle import LifecycleObserver, suggested
 
 SOURCE = "camera/transition_event:start_state.label,goal_state.label"
-ATOM = Atom("ok", ("lifecycle", "camera"))
 BAD, GOOD = "not ok(lifecycle,camera)", "ok(lifecycle,camera)"
 
 
@@ -45,15 +43,6 @@ def test_it_is_unknown_until_a_change_is_heard() -> None:
     assert camera.until(900) == []
 
 
-def test_what_leaves_the_state_is_bad_at_once_and_good_again_when_it_is_back() -> None:
-    camera = Camera()
-    camera.up(1)
-    assert values(camera.moves(5, "active", "deactivating", "inactive")) == [BAD]
-    assert camera.reading == "inactive, not active"
-    assert values(camera.until(60)) == []
-    assert values(camera.moves(61, "inactive", "activating", "active")) == [GOOD]
-
-
 def test_coming_up_takes_its_time_and_is_bad_when_it_takes_longer() -> None:
     camera = Camera()
     assert camera.moves(1, "unconfigured", "configuring", "inactive") == []
@@ -71,16 +60,6 @@ def test_a_node_that_is_gone_has_no_state_until_it_is_heard_again() -> None:
     assert [one.value for one in camera.driver.sample(SOURCE, ns(2), Publishers(()), ns(2))] == [None]
     assert camera.driver.sample(SOURCE, ns(3), Publishers(("/camera",)), ns(3)) == []
     assert values(camera.up(4)) == [GOOD]
-
-
-def test_after_a_reset_it_counts_once_nothing_else_was_said_for_a_moment() -> None:
-    camera = Camera()
-    camera.up(1)
-    camera.until(20)
-    camera.driver.settle(1, [ATOM])
-    assert camera.until(20.9) == []
-    (found,) = camera.until(21.1)
-    assert (str(found.value), found.settled, found.since_ns) == (GOOD, 1, ns(20))
 
 
 def test_a_topic_of_transitions_suggests_it() -> None:

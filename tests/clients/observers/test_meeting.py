@@ -6,8 +6,7 @@ import pytest
 from tests.clients.observers.driving import values
 
 from robomend_client.observers import Change, Driver, Publishers, ns
-from robomend_client.observers.meeting import PublishersObserver, Publishing, QosObserver, suggested
-from robomend_client.observers.node import RestartRules, RestartsObserver
+from robomend_client.observers.meeting import PublishersObserver, Publishing, suggested
 from robomend_client.readings import Symptom
 
 BAD, GOOD = "not ok(publishers,odom)", "ok(publishers,odom)"
@@ -48,40 +47,6 @@ def test_what_passes_within_a_second_is_none_and_a_late_start_neither() -> None:
     late = Driver([PublishersObserver("ok(publishers,odom)", expected=Publishing(first_s=5))], 0)
     assert told(late, 1) == []
     assert values(late.advance(ns(5.1))) == [BAD]
-
-
-def test_qualities_that_do_not_fit_are_told_with_both_ends() -> None:
-    driver = Driver([QosObserver("ok(qos,scan)")], 0)
-    why = "/laser publishes best effort, /slam asks for reliable: no message goes there"
-    found: list[Change] = []
-    for at_s, table in (
-        (0, {}),
-        (1, {}),
-        (2, {"scan": why}),
-        (3, {"scan": why}),
-        (3.5, {"map": why}),
-        (5, {}),
-    ):
-        found += driver.sample("mismatches", ns(at_s), table, ns(at_s))
-        if at_s == 3:
-            assert str(driver.standing()[0].reading) == why
-    assert values(found) == ["ok(qos,scan)", "not ok(qos,scan)", "ok(qos,scan)"]
-    assert [one.value for one in driver.advance(ns(11))] == [None]
-
-
-def test_a_node_that_begins_again_and_again_is_a_fault_with_its_last_words() -> None:
-    driver = Driver([RestartsObserver("ok(restarts,laser)", rules=RestartRules(restarts=2, hold_s=10))], 0)
-    dead = {"laser": {"why": "exit code 1: no device", "symptom": "ended"}}
-    found: list[Change] = []
-    tables = ({"laser": None}, {"laser": True}, dead, {"laser": True}, dead, {"laser": None}, {"laser": True})
-    for n, table in enumerate(tables):
-        found += driver.sample("processes", ns(n), table, ns(n))
-    assert values(found) == ["not ok(restarts,laser)"]
-    told = "2 restarts, each within 10 s, the last after: exit code 1: no device, below 2"
-    assert str(driver.standing()[0].reading) == told
-    for n in range(7, 18):
-        found += driver.sample("processes", ns(n), {"laser": True}, ns(n))
-    assert values(found) == ["not ok(restarts,laser)", "ok(restarts,laser)"]
 
 
 def test_a_topic_with_one_publisher_suggests_who_should_publish_it() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,15 +32,6 @@ def test_no_answer_is_told_without_waiting_for_one() -> None:
     assert o.due_ns() == ns(2.5) + 1
     assert o.check(ns(2.5) + 1)[0].positive is False
     assert o.evidence(MAP, ns(2.6))[:2] == Evidence(ns(2), ns(1.2))[:2]
-
-
-def test_impossible_parameters_are_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"^out_topic"):
-        MultipleObserver("a", "t", "t")
-    with pytest.raises(ValueError, match=r"^unasked"):
-        Answers(unasked="no")
-    with pytest.raises(ValueError, match=r"^within_s"):
-        Answers(within_s=0)
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 900)), max_size=40))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,7 +28,6 @@ from robomend_client.observers import (
     Wiring,
     ns,
 )
-from robomend_client.observers.recording import Recording, replay
 
 MS = 1_000_000
 START_NS = 1000 * SECOND
@@ -172,20 +169,3 @@ def test_after_a_gap_nothing_that_was_seen_before_it_is_still_said(
     # A topic is silent, by now; a question that was never answered has not been until now.
     assert since_ns.keys() <= {"not ok(scan)", "not ok(answer_triggered)"}
     assert driver.now_ns - since_ns.get("not ok(scan)", driver.now_ns) <= ns(1)
-
-
-@settings(max_examples=25)
-@given(happened)
-def test_a_recording_of_them_replayed_says_the_same_at_the_same_times(
-    tmp_path_factory: pytest.TempPathFactory, told: list[tuple[tuple[str, object], int]]
-) -> None:
-    file: Path = tmp_path_factory.mktemp("recording") / "run.jsonl"
-    recording = Recording(file, START_NS, 10**9)
-    driver = Driver(eight(), START_NS, listeners=(recording,))
-    live: list[Change] = []
-    for now_ns, (source, time_ns, value) in stream(told):
-        live += driver.sample(source, time_ns, value, now_ns)
-    live += driver.advance(driver.now_ns + 20 * SECOND)
-    recording.close(driver.now_ns)
-    with file.open() as lines:
-        assert list(replay(lines, lambda start_ns: Driver(eight(), start_ns))) == live

@@ -57,20 +57,6 @@ def test_a_verdict_rests_on_the_readings_that_agree_and_began_after_the_last_goo
     assert observer(Band(high=1), debounce_s=2).detection_s == 3
 
 
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({}, "low"),
-        ({"low": 2.0, "high": 1.0}, "low"),
-        ({"high": 1.0, "hysteresis": -1.0}, "hysteresis"),
-        ({"low": 0.0, "high": 1.0, "hysteresis": 0.6}, "hysteresis"),
-    ],
-)
-def test_impossible_bands_are_refused_by_name(wrong: dict[str, float], named: str) -> None:
-    with pytest.raises(ValueError, match=rf"^{named} "):
-        Band(**wrong)  # type: ignore[arg-type]  # numbers, in a table
-
-
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.booleans()), max_size=40), st.integers(1, 4), st.integers(0, 5)
 )

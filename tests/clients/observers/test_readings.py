@@ -32,7 +32,7 @@ from robomend_client.observers import (
     ns,
 )
 from robomend_client.observers.base import Listener
-from robomend_client.observers.kinds import KINDS, read_observers
+from robomend_client.observers.kinds import read_observers
 from robomend_client.readings import Reading, Symptom
 from robomend_client.yaml_reader import read
 
@@ -244,9 +244,3 @@ def bad_of(kind: str, folder: Path, listener: Listener | None = None) -> tuple[P
         if change.reading is not None and change.reading.symptom is not None:
             found.setdefault(str(change.value), change.reading)
     return file, found
-
-
-@pytest.mark.parametrize("kind", KINDS.built_in)
-def test_each_kind_says_what_it_measured_where_something_is_bad(kind: str, tmp_path: Path) -> None:
-    _, found = bad_of(kind, tmp_path)
-    assert [one for one in found.values() if str(one)], found

@@ -270,8 +270,6 @@ def test_an_entity_that_was_faster_than_one_looks_is_restarted_and_one_is_shut_d
     ("code", "why"),
     [
         (403, "the token's role may not do that (403)"),
-        (404, "the gateway does not know the entity (404)"),
-        (409, "cannot be done now (409)"),
         (501, "nobody at the gateway can do that to the entity (501)"),
         (500, "the gateway refuses it (500)"),
     ],

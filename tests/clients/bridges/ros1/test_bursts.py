@@ -1,4 +1,4 @@
-"""Connections that are read together: what came on each, in order, and one's end is nobody else's."""
+"""Connections that are read together: what came on each, when, in order; one's end is nobody else's."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ import socket
 import time
 from collections.abc import Callable
 
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.waiting import eventually
 
-from robomend_client.bridges.ros1 import subscription as module
-from robomend_client.bridges.ros1.subscription import Bursts
+from robomend_client.beats import BEAT_NS
+from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.ros1.subscription import READ_BYTES, Bursts, Subscription, spread
+from robomend_client.observers import SECOND, Change, Driver
+from robomend_client.observers.general import GeneralObserver
+from robomend_client.observers.rate import Rate
 from robomend_client.python310 import timeout
 
 
@@ -122,11 +128,11 @@ def test_whoever_hangs_up_is_known_at_once_with_all_that_was_said_before() -> No
         with near:
             far.sendall(b"a")
             await until_read(reader, b"a")
-            far.sendall(bytes(module.READ_BYTES // 4))
+            far.sendall(bytes(READ_BYTES // 4))
             far.sendall(b"b")
             far.close()
             await eventually(lambda: reader.ends == [None], "it has ended")
-            assert len(reader.data) == module.READ_BYTES // 4 + 2
+            assert len(reader.data) == READ_BYTES // 4 + 2
             bursts.close()
 
     asyncio.run(test())
@@ -185,19 +191,6 @@ def test_what_came_is_as_old_as_the_kernel_says_however_late_it_is_read() -> Non
     asyncio.run(test())
 
 
-def test_a_clock_that_was_set_makes_nothing_old_and_nothing_from_the_future() -> None:
-    now_ns, oldest_ns = 1_000_000_001_000, 100
-
-    def age_ns(arrived_ns: int) -> int:
-        stamp = module.STAMP.pack(*divmod(arrived_ns, 10**9))
-        return module._age_ns([(socket.SOL_SOCKET, module.SO_TIMESTAMPNS, stamp)], oldest_ns, now_ns)
-
-    assert age_ns(now_ns - 10) == 10
-    for impossible_ns in (now_ns - oldest_ns - 1, now_ns + 1, now_ns - 3600 * 10**9):
-        assert age_ns(impossible_ns) == 0
-    assert module._age_ns([], oldest_ns, now_ns) == 0  # where the system does not tell
-
-
 def test_one_that_raises_ends_and_the_others_go_on() -> None:
     async def test() -> None:
         def bad(_: bytes) -> bool:
@@ -250,3 +243,43 @@ def test_one_that_is_sent_away_by_another_in_the_same_turn_is_not_read() -> None
             pair[1].close()
 
     asyncio.run(test())
+
+
+# --- when each message came, and the end of a subscription -------------------------------------------------
+
+TIMES = st.integers(0, 10 * BEAT_NS)
+
+
+@given(TIMES, TIMES, st.integers(0, 50))
+def test_messages_of_one_read_lie_in_their_order_behind_what_was_read_before(
+    after_ns: int, newest_ns: int, count: int
+) -> None:
+    times_ns = list(spread(after_ns, newest_ns, count))
+    assert len(times_ns) == count
+    assert times_ns == sorted(times_ns)
+    if times_ns:
+        assert times_ns[-1] == newest_ns
+        assert times_ns[0] >= min(after_ns, newest_ns)
+
+
+def test_a_fast_topic_is_never_said_to_be_faster_than_it_is() -> None:
+    driver = Driver([GeneralObserver("imu", Rate(rate_hz=500.0, tolerance_hz=50.0))], 0)
+    said: list[Change] = []
+    before_ns = 0
+    for read_ns in range(BEAT_NS, SECOND, BEAT_NS):
+        for time_ns in spread(before_ns, read_ns, 25):  # so many in each beat
+            said += driver.sample("imu", time_ns, None, read_ns)
+        before_ns = read_ns
+    assert [str(change.value) for change in said] == ["ok(imu)"]
+
+
+def test_a_topic_that_is_closed_takes_no_publisher_any_more() -> None:
+    async def told_too_late() -> list[str]:
+        bursts = Bursts()
+        topic = Subscription("/rosout", "/us", lambda publisher, message, ns: None, Problems("ros1"), bursts)
+        await topic.close()
+        topic.publishers(["http://127.0.0.1:9/"])  # by the master, while we take our leave
+        bursts.close()
+        return [task.get_name() for task in asyncio.all_tasks()]
+
+    assert not any(name.startswith("/rosout") for name in asyncio.run(told_too_late()))

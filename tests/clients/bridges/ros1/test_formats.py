@@ -57,18 +57,6 @@ def test_levels_say_how_sure_the_diagnosis_is() -> None:
     assert levels(None) == {"robomend": 3}
 
 
-def test_a_status_carries_the_explanation() -> None:
-    message = formats.decode(formats.DIAGNOSTICS, formats.diagnostics(result(["a"]), "", 1_500_000_000))
-    (broken,) = (status for status in message.status if status.level)
-    values = {pair.key: pair.value for pair in broken.values}
-    assert values == {"in diagnoses": "1 of 1", "diagnosis 1": "a", "because 1": "scan is silent"}
-    assert (broken.hardware_id, message.header.stamp.sec, message.header.stamp.nanosec) == (
-        "a",
-        1,
-        500_000_000,
-    )
-
-
 def test_a_channel_of_which_nothing_is_known_has_no_row() -> None:
     channel = {"channel": 3, "component": None, "on": True, "current_a": 1.5, "voltage_v": 24.0}
     body = formats.board([channel, {**channel, "channel": 4, "on": None}], 0)

@@ -14,6 +14,7 @@ from tests.ros1 import Robot
 from tests.waiting import eventually
 
 from robomend_client.bridges.ros1 import master
+from robomend_client.bridges.ros1.liveness import Nodes, NodeState
 
 ANSWERS, NOBODY, FAR, ODD = (
     f"services:{name}" for name in ("frozen/get_loggers", "nobody/knows", "far/away", "odd/one")
@@ -72,7 +73,7 @@ def test_nodes_and_services_are_seen_to_begin_freeze_go_on_and_end(ros1: Robot) 
             await heard.runs({"frozen": True})
             await heard.until(lambda: heard.last(ANSWERS) is True, "its service answers again")
             await heard.more("scan")
-            await asyncio.to_thread(stays.do, "warn")
+            await asyncio.to_thread(stays.do, "log", level="warning", text="as asked")
             await heard.until(lambda: heard.count("rosout"), "a message of /rosout")
             await asyncio.to_thread(stays.do, "unpublish", topic="/scan")
             await asyncio.to_thread(ends.do, "leave")
@@ -162,3 +163,41 @@ def test_a_node_that_answers_late_runs_and_one_that_never_answers_is_frozen(ros1
             server.close()
 
     asyncio.run(test())
+
+
+# --- by what is seen of them ------------------------------------------------------------------------------
+
+
+def test_what_is_read_of_a_node_that_is_gone_was_said_before_unless_it_connects_anew() -> None:
+    nodes = Nodes()
+    nodes.linked("/a", "http://a:1/", 0.0)
+    nodes.asked("/a", NodeState.GONE, 1.0)
+    assert not nodes.heard("/a", 1.1)
+    assert nodes.table() == {"/a": False}
+    assert nodes.heard("/a", 1.2)  # nobody listens at its address, and it goes on
+    nodes.asked("/a", NodeState.GONE, 2.0)
+    assert nodes.linked("/a", "http://a:2/", 2.1)
+    assert not nodes.heard("/a", 2.11)
+    assert nodes.table() == {"/a": True}
+    assert nodes.silent(2.6, 0.5) == frozenset()
+
+
+def test_a_master_that_forgot_a_node_does_not_stop_it() -> None:
+    nodes = Nodes()
+    nodes.linked("/linked", "http://a:1/", 0.0)
+    nodes.listed(frozenset({"/linked", "/answers"}))
+    nodes.asked("/answers", NodeState.RUNNING, 0.0)
+    nodes.listed(frozenset())
+    assert nodes.table() == {"/linked": True, "/answers": True}
+    nodes.asked("/answers", NodeState.GONE, 1.0)
+    nodes.listed(frozenset())
+    assert nodes.table() == {"/linked": True}
+
+
+def test_who_was_not_heard_is_asked() -> None:
+    nodes = Nodes()
+    nodes.linked("/a", "http://a:1/", 0.0)
+    nodes.linked("/b", "http://b:1/", 0.9)
+    assert nodes.silent(1.0, 0.75) == {"/a"}
+    nodes.asked("/a", NodeState.FROZEN, 1.0)
+    assert nodes.silent(1.5, 0.75) == frozenset()

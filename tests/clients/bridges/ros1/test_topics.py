@@ -6,7 +6,7 @@ import asyncio
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 from xmlrpc.client import ServerProxy
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
@@ -154,16 +154,17 @@ class _Quiet(SimpleXMLRPCRequestHandler):
 
 
 @contextmanager
-def publisher(master: str, topic: str, answer: Any, says: bytes = b"") -> Iterator[None]:
-    """Register a publisher that answers requestTopic so, and says these bytes to whoever connects."""
+def publisher(master: str, name: str, answer: Any, says: bytes = b"") -> Iterator[None]:
+    """Register a publisher of a topic of its name that answers requestTopic so, and says these bytes to
+    whoever connects.
+    """
     with socket.create_server(("127.0.0.1", 0)) as messages:
         where = answer or [1, "", ["TCPROS", "127.0.0.1", messages.getsockname()[1]]]
         with SimpleXMLRPCServer(("127.0.0.1", 0), _Quiet, logRequests=False) as server:
             server.register_function(lambda *_: where, "requestTopic")
-            uri = f"http://127.0.0.1:{server.server_address[1]}/"
             threading.Thread(target=server.serve_forever, daemon=True).start()
             threading.Thread(target=_say, args=(messages, says), daemon=True).start()
-            _register(master, topic, uri)
+            _register(master, name, f"http://127.0.0.1:{server.server_address[1]}/")
             yield
             server.shutdown()
 
@@ -180,9 +181,9 @@ def _say(messages: socket.socket, says: bytes) -> None:
             connection.recv(4096)
 
 
-def _register(master: str, topic: str, uri: str) -> None:
+def _register(master: str, name: str, uri: str) -> None:
     api: Any = ServerProxy(master)
-    code, why, _ = api.registerPublisher("/bad", topic, "std_msgs/String", uri)
+    code, why, _ = api.registerPublisher(name, name, "std_msgs/String", uri)
     assert code == 1, why
 
 
@@ -190,31 +191,35 @@ HEADER = {"callerid": "/bad", "type": "std_msgs/Float64", "md5sum": "fdb28210bfa
 GREETING = encode_header({**HEADER, "message_definition": "float64 data\n"})
 
 
-@pytest.mark.parametrize(
-    ("answer", "says", "why"),
-    [
-        (None, b"HTTP/1.1 400 Bad Request\r\n\r\n", "TCPROS: a header that is too long: 1347703880 bytes"),
-        (None, GREETING + frame(b"abc"), "by /bad cannot be read: it is 5 bytes shorter than its type"),
-        (None, GREETING + b"\xff\xff\xff\xff", "a message that is too long: 4294967295 bytes"),
-        (None, encode_header({**HEADER, "message_definition": "float64[[ data"}) + frame(b"12345678"),
-         "the definition of std_msgs/Float64 by /bad cannot be read"),
-        (None, encode_header({"error": "not you"}), "it refuses: not you"),
-        ([0, "no such topic", []], b"", "it does not publish /bad: no such topic"),
-        ([1, "", ["UDPROS", 3]], b"", "requestTopic was answered with"),
-        ("what?", b"", "requestTopic was answered with"),
-        ([1, "", ["TCPROS", "no-such.invalid", 1]], b"", "the host name 'no-such.invalid' is unknown"),
-    ],
-)  # fmt: skip
-def test_a_bad_peer_is_told_once_with_its_place_and_survived(
-    ros: Robot, answer: Any, says: bytes, why: str
-) -> None:
+BAD_PEERS: list[tuple[Any, bytes, str]] = [
+    (None, b"HTTP/1.1 400 Bad Request\r\n\r\n", "TCPROS: a header that is too long: 1347703880 bytes"),
+    (None, GREETING + frame(b"abc"), "by /bad cannot be read: it is 5 bytes shorter than its type"),
+    (None, GREETING + b"\xff\xff\xff\xff", "a message that is too long: 4294967295 bytes"),
+    (
+        None,
+        encode_header({**HEADER, "message_definition": "float64[[ data"}) + frame(b"12345678"),
+        "the definition of std_msgs/Float64 by /bad cannot be read",
+    ),
+    (None, encode_header({"error": "not you"}), "it refuses: not you"),
+    ([0, "no such topic", []], b"", "it does not publish /bad5: no such topic"),
+    ([1, "", ["UDPROS", 3]], b"", "requestTopic was answered with"),
+    ([1, "", ["TCPROS", "no-such.invalid", 1]], b"", "the host name 'no-such.invalid' is unknown"),
+]
+
+
+def test_bad_peers_are_told_once_each_with_their_place_and_survived(ros: Robot) -> None:
     async def test() -> None:
-        async with listening(ros, "bad:data", "scan") as heard:
-            with publisher(ros.master.uri, "/bad", answer, says):
-                await heard.told(why)
+        names = [f"bad{number}" for number in range(len(BAD_PEERS))]
+        with ExitStack() as there:
+            for name, (answer, says, _) in zip(names, BAD_PEERS, strict=True):
+                there.enter_context(publisher(ros.master.uri, f"/{name}", answer, says))
+            async with listening(ros, "scan", *(f"{name}:data" for name in names)) as heard:
+                for _, _, why in BAD_PEERS:
+                    await heard.told(why)
                 await heard.more("scan", 40)  # time for two tries more
-                (line,) = heard.lines(why)
-                assert "/bad" in line or "http://" in line
+                for _, _, why in BAD_PEERS:
+                    (line,) = heard.lines(why)
+                    assert "/bad" in line or "http://" in line
 
     asyncio.run(test())
 

@@ -32,11 +32,9 @@ def connecting(*numbers: int) -> OSError:
     [
         (connecting(errno.ECONNREFUSED), NobodyListens),
         (connecting(errno.ECONNRESET), NobodyListens),  # it was killed, and its socket was still open
-        (connecting(errno.ECONNREFUSED, errno.ECONNREFUSED), NobodyListens),
         (connecting(errno.ECONNREFUSED, errno.ECONNRESET), NobodyListens),
         (connecting(errno.ECONNREFUSED, errno.EHOSTUNREACH), OutOfReach),
         (connecting(errno.EHOSTUNREACH), OutOfReach),
-        (connecting(errno.ENETUNREACH), OutOfReach),
         (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), OutOfReach),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import asyncio
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -48,7 +49,7 @@ def test_real_nodes_are_asked_for_services_parameters_and_lifecycles(
     node = ros2.node("server")
     node.do("offer", name="/reset", type=TRIGGER, answer={"success": True, "message": "was reset"})
     node.do("offer", name="/power", type=SET_BOOL, answer={"success": False, "message": "the lid\nis open"})
-    node.do("offer", name="/mute", type=TRIGGER, never=True)
+    ros2.node("deaf").do("offer", name="/mute", type=TRIGGER, never=True)
     node.do("declare", name="fps", value=15, most=60)
     node.do("declare", name="serial", value="x1", read_only=True)
     node.do("lifecycle", name="managed")
@@ -57,14 +58,14 @@ def test_real_nodes_are_asked_for_services_parameters_and_lifecycles(
     def call(service: str, kind: str, *more: Any, timeout_s: float = 60.0) -> ActionResult:
         return do(ros2, CallService("act", {"a": service}, kind, *more), "a", timeout_s=timeout_s)
 
+    waiting = ThreadPoolExecutor()  # while others are asked
+    mute, nobody = (waiting.submit(call, one, TRIGGER, timeout_s=15) for one in ("/mute", "/nothing"))
     assert call("/reset", TRIGGER) == ActionResult(OK, "/reset: was reset")
     power = CallService("power", {"a": "/power"}, SET_BOOL, {"data": "{on}"}, {"on": ["true", "false"]})
     refused = ActionResult(FAILED, "/power answered success: false: the lid is open")
     assert do(ros2, power, "a", "true") == refused
     until(lambda: len(node.heard) == 2, "what was asked", 60)
     assert node.heard[1]["value"] == {"data": True}
-    nobody = ActionResult(UNREACHABLE, "nobody offers the service /nothing")
-    assert call("/nothing", TRIGGER, timeout_s=15) == nobody
     other = "/power is of type std_srvs/srv/SetBool, not std_srvs/srv/Trigger; it was not asked"
     assert call("/power", TRIGGER) == ActionResult(REFUSED, other)
     assert len(node.heard) == 2  # /power was not asked once more
@@ -92,9 +93,9 @@ def test_real_nodes_are_asked_for_services_parameters_and_lifecycles(
     assert do(ros2, Lifecycle("restart", {"x": "/stubborn"}), "x") == ActionResult(
         FAILED, "/stubborn refuses to configure, or failed to: it is unconfigured"
     )
-    mute = call("/mute", TRIGGER, timeout_s=15)
-    assert mute.code == TIMED_OUT
-    assert "/mute does not answer within 12 s; whether it acted is unknown" in mute.message
+    assert nobody.result() == ActionResult(UNREACHABLE, "nobody offers the service /nothing")
+    assert mute.result().code == TIMED_OUT
+    assert "/mute does not answer within 12 s; whether it acted is unknown" in mute.result().message
 
 
 # --- stand-ins for packages of which there is no wheel ----------------------------------------------------

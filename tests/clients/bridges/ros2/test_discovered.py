@@ -51,17 +51,6 @@ def test_whose_a_topic_is_may_still_be_told() -> None:
     assert not found.unnamed
 
 
-def test_nodes_run_while_their_participant_is_there_and_its_process_works() -> None:
-    found = robot()
-    assert found.nodes({}) == {"/laser": True, "/mapper": True, "/other": True}
-    assert found.nodes({LASER: False}) == {"/laser": False, "/mapper": True, "/other": True}
-    found.told(Entities(MAPPER, (NodeEntities("/mapper"),)))  # one of its nodes was destroyed
-    assert found.nodes({}) == {"/laser": True, "/mapper": True}
-    found.told(Entities(LASER, ()))  # so was its only one, the process goes on
-    found.participant_gone(LASER)
-    assert found.nodes({}) == {"/mapper": True}
-
-
 def test_it_is_unknown_whether_nodes_run_whose_participant_went_without_a_word() -> None:
     found = robot()
     found.participant_gone(MAPPER)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -88,23 +86,3 @@ def test_of_the_releases_that_rosbags_knows_the_one_whose_hash_fits_is_taken() -
     found = MessageReaders().open("rcl_interfaces/ParameterDescriptor", foxy.hash_rihs01(name), body)
     assert found.at("read_only") is True
     assert not found.has("dynamic_typing")
-
-
-def test_numpy_is_not_loaded_for_a_number_or_a_text_only_for_what_needs_the_whole_message(
-    tmp_path: Path,
-) -> None:
-    package(tmp_path)
-    body, type_hash = motor()
-    said = b"\0\1\0\0\3\0\0\0hi\0"
-    code = (
-        "import sys; from pathlib import Path; "
-        "from robomend_client.bridges.ros2.messages import MessageReaders; "
-        f"readers = MessageReaders([Path({str(tmp_path)!r})]); "
-        f"m = readers.open('std_msgs/String', '', {said!r}); "
-        "print(m.at('data'), 'numpy' in sys.modules); "
-        f"m = readers.open('my_msgs/Motor', {type_hash!r}, {body!r}); "
-        "print(m.at('parts.0.name'), 'numpy' in sys.modules); "
-        "print(m.at('parts')[0]['name'], 'numpy' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["hi", "False", "left", "False", "left", "True"]
