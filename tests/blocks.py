@@ -19,6 +19,7 @@ What tests/test_blocks.py does not run says how it is run instead, and why:
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,3 +83,22 @@ def _goes_on(lines: list[str], at: int) -> bool:
 
 
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """Yield the commands of a block, each as its words."""
+    whole = text.replace("\\\n", " ")
+    for line in whole.split("\n"):
+        words: list[str] = []
+        for word in shlex.split(line.removeprefix("$ "), comments=True):
+            if word in ("&&", "||", "|", ";", "&"):
+                yield words
+                words = []
+            else:
+                words.append(word)
+        if ">" in words:
+            del words[words.index(">") :]
+        while words and re.match(r"[A-Z_]+=", words[0]):  # a variable that is set
+            del words[0]
+        if words:
+            yield words

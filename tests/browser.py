@@ -23,7 +23,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, Request, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, Request, expect, sync_playwright
 from tests import network, packages
 from tests.waiting import until
 
@@ -42,10 +42,12 @@ FLAGS = (
 )
 
 PICTURES = Path(__file__).resolve().parents[1] / "report" / "page"
-"""Where screenshots go, to be looked at by people; not in the repository."""
+"""Where screenshots go with --long, to be looked at by people; not in the repository."""
 
 PATIENCE_MS = 60_000
 """A safety net: tests wait for what they need."""
+
+expect.set_options(timeout=PATIENCE_MS)
 
 _PR_SET_PDEATHSIG = 1
 
@@ -89,6 +91,8 @@ class Held:
     """The session's browser as Playwright knows it, while it is open."""
 
     def __init__(self) -> None:
+        self.pictures = False
+        """Whether screenshots are kept."""
         self._browser: Browser | None = None
         self._stack = ExitStack()
         self._user: Path | None = None
@@ -115,6 +119,7 @@ HELD = Held()
 @pytest.fixture
 def browser(chromium: str, request: pytest.FixtureRequest) -> Iterator[Browser]:
     """The session's browser, as Playwright knows it, on a network that nobody changes meanwhile."""
+    HELD.pictures = bool(request.config.getoption("--long"))
     with network.still():
         yield HELD.open(chromium, request.path)
 
@@ -159,7 +164,9 @@ class Watched:
 
 
 def keep(page: Page, name: str) -> None:
-    """Keep a screenshot of the whole page."""
+    """Keep a screenshot of the whole page, with --long."""
+    if not HELD.pictures:
+        return
     PICTURES.mkdir(parents=True, exist_ok=True)
     page.evaluate("scrollTo(0, 0)")  # what sticks to the top belongs there
     page.screenshot(path=PICTURES / f"{name}.png", full_page=True)

@@ -1,6 +1,6 @@
 """How many examples of a property are tried where it needs more than others do.
 
-Every property is tried on 100 examples with `--long`, on 30 without, and on 10 with `--quick`: conftest.py.
+Every property is tried on 100 examples with `--long`, on 30 without: conftest.py.
 """
 
 from __future__ import annotations

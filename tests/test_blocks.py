@@ -21,15 +21,16 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from tests import forked_programs
 from tests.api.conftest import TEDUSAR
 from tests.api.test_process import served
-from tests.block_commands import commands, parse
-from tests.blocks import BLOCKS, ROOT, Block
+from tests.blocks import BLOCKS, ROOT, Block, commands
 from tests.robomend_batch.recordings import steady, write
 from tests.robomend_board.processes import running as board_running
 from tests.waiting import until
@@ -37,9 +38,11 @@ from tests.waiting import until
 from robomend.api.routers.session import SignInBody
 from robomend.api.schemas.observations import OBSERVATIONS
 from robomend.api.schemas.robots import RobotBody
-from robomend.cli.commands import run
+from robomend.cli.commands import cli, run
 from robomend.planning.domain.loading import load_domain
 from robomend.settings import load as load_settings
+from robomend_bench.main import OTHERS
+from robomend_bench.main import command as bench
 from robomend_client.agent.broker import Broker, TopicMessage
 from robomend_client.agent.config import load as load_agent
 from robomend_client.rest import Client
@@ -397,8 +400,19 @@ def test_what_is_not_run_here_says_why_and_by_what_it_is_run(block: Block) -> No
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.how == "begun"], ids=str)
-def test_each_word_of_a_command_that_is_begun_is_one_that_it_takes(
-    block: Block, folder: Path, pytestconfig: pytest.Config
-) -> None:
+@pytest.mark.usefixtures("folder")
+def test_each_word_of_a_command_that_is_begun_is_one_that_it_takes(block: Block) -> None:
+    """By the command's own parser; what a program looks at only when it works is not seen here."""
     Path("DIR").mkdir()
-    parse(commands_and_output(block, block.text)[0], pytestconfig)
+    for program, what, *arguments in commands(commands_and_output(block, block.text)[0]):
+        if what == "demo":
+            command = cli.get_command(click.Context(cli), what)
+            assert command is not None
+            command.make_context(program, arguments)
+        elif what == "test":
+            assert (program, arguments) == ("./dev", [])
+        elif what in OTHERS:
+            import_module(OTHERS[what][0]).command.make_context(program, arguments)
+        else:
+            assert program == "robomend-bench"
+            bench.make_context(program, [what, *arguments])

@@ -12,7 +12,6 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-PLACES = re.findall(r"^\| (.+?) \| `(.+?)` \| `(.+?)` \|$", PAGE, re.MULTILINE)
 
 
 def test_every_file_that_the_page_names_is_there() -> None:
@@ -49,34 +48,12 @@ def test_every_source_file_that_a_page_or_a_module_names_is_there() -> None:
     ] == []
 
 
-@pytest.mark.parametrize(("thing", "begin", "docs"), PLACES, ids=[thing for thing, _, _ in PLACES])
-def test_the_module_where_something_begins_says_how_it_goes_on(thing: str, begin: str, docs: str) -> None:
-    docstring = (ROOT / begin).read_text(encoding="utf-8").split('"""')[1]
-    assert re.search(r"\b(To add|To keep|Adding) (an?|another|one)\b", docstring), f"{begin} says nothing"
-    assert (ROOT / docs).exists()
-
-
-def test_every_command_of_dev_is_on_the_page() -> None:
-    commands = set(re.findall(r"^#   (\./dev \w+)", (ROOT / "dev").read_text(), re.MULTILINE))
-    assert {command for command in commands if command not in PAGE} == set()
-
-
-def test_ci_runs_what_a_developer_runs_on_every_python_that_is_promised() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    promised = {line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line}
-    job = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]["check"]
-    assert set(job["strategy"]["matrix"]["python"]) == promised
-    assert [step["run"] for step in job["steps"] if "run" in step][-1] == ".ci/run"
-    assert "./dev check" in (ROOT / ".ci" / "run").read_text()
-
-
-def test_the_client_is_tested_on_every_python_that_it_promises() -> None:
-    project = tomllib.loads((ROOT / "clients" / "pyproject.toml").read_text())["project"]
+@pytest.mark.parametrize(("job", "distribution"), [("check", "."), ("clients", "clients")])
+def test_ci_tests_every_python_that_is_promised(job: str, distribution: str) -> None:
+    project = tomllib.loads((ROOT / distribution / "pyproject.toml").read_text())["project"]
     promised = [line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line]
-    job = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]["clients"]
-    assert job["strategy"]["matrix"]["python"] == promised
-    assert job["steps"][-1]["run"] == "./dev test --client ${{ matrix.python }}"
-    assert f"set -- {' '.join(promised)}\n" in (ROOT / "dev").read_text()
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
+    assert sorted(jobs[job]["strategy"]["matrix"]["python"]) == sorted(promised)
     assert project["requires-python"] == f">={promised[0]}"
 
 

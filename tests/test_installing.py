@@ -137,7 +137,3 @@ def test_the_container_names_what_the_package_has() -> None:
 
 
 # --- the release
-
-
-def test_the_clients_licence_is_ours() -> None:
-    assert (ROOT / "clients" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()

@@ -110,24 +110,15 @@ def test_a_wheel_carries_licence_and_readme(wheels: dict[str, Path], name: str) 
     looked_into(wheels[name])
 
 
-def test_the_wheel_carries_encodings_and_domains(wheels: dict[str, Path]) -> None:
+def test_the_wheel_carries_what_is_no_code(wheels: dict[str, Path]) -> None:
     inside = names(wheels["robomend"])
     for kind in ("encodings", "pddl", "examples"):
         for path in (ROOT / kind).rglob("*"):
             if path.suffix in {".lp", ".pddl", ".yaml"}:
                 assert f"robomend/data/{kind}/{path.relative_to(ROOT / kind)}" in inside
-
-
-def test_the_wheel_carries_the_page(wheels: dict[str, Path]) -> None:
-    inside = names(wheels["robomend"])
     web = ROOT / "service" / "robomend" / "web"
     for path in (*web.rglob("*.html"), *(web / "static").iterdir()):
         assert f"robomend/web/{path.relative_to(web)}" in inside
-
-
-def test_encodings_is_never_a_python_package() -> None:
-    # A package of this name on sys.path would shadow the standard library's, and Python would not start.
-    assert not (ROOT / "encodings" / "__init__.py").exists()
 
 
 def test_the_wheels_diagnose_in_an_empty_environment(

@@ -1,4 +1,4 @@
-"""The files of ./dev release, installed as a stranger would: packages on a bare Debian, the image, a wheel.
+"""The files of ./dev release, installed as a stranger would: packages on a bare Debian, the image.
 
 `./dev release` runs it on what it has made; by hand: pytest tests/test_release_files.py --release dist. It
 takes minutes and Debian's packages, so the other tests do without it.
@@ -11,7 +11,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -314,29 +313,3 @@ def test_the_image_has_a_service_and_an_agent_that_run(files: Path, tmp_path: Pa
                 process.wait(60)
             network.kill()
             network.wait(60)
-
-
-# --- wheels
-
-
-def test_pipx_puts_every_command_on_the_path(files: Path, tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "tools")], check=True, timeout=120)
-    tools = tmp_path / "tools" / "bin"
-    subprocess.run([str(tools / "pip"), "install", "--quiet", "pipx"], check=True, timeout=300)
-    apps = tmp_path / "apps"
-    environment = {
-        **os.environ,
-        "PATH": f"{tools}:{os.environ['PATH']}",
-        "PIPX_HOME": str(tmp_path / "home"),
-        "PIPX_BIN_DIR": str(apps),
-    }
-    service, client = one(files, "robomend-*.whl"), one(files, "robomend_client-*.whl")
-    for command in (
-        ["pipx", "install", f"--pip-args=--find-links {files}", str(service)],
-        ["pipx", "install", str(client)],
-    ):
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=1200)
-        assert done.returncode == 0, done.stdout + done.stderr
-    for name in ("robomend", "robomend-agent", "robomend-batch", "robomend-bench", "robomend-board"):
-        help_ = subprocess.run([str(apps / name), "--help"], capture_output=True, timeout=100)
-        assert help_.returncode == 0, name

@@ -11,18 +11,6 @@ from robomend.programs import Unfit, arguments, check_template
 from robomend.settings import Settings, SettingsError, load, shown
 
 
-def test_flags_win_over_environment_over_file_over_defaults(tmp_path: Path) -> None:
-    file = tmp_path / "s.yaml"
-    file.write_text("port: 1\nburst: 2\nlog_level: debug\n")
-    environment = {"ROBOMEND_PORT": "3", "ROBOMEND_BURST": "4", "ROBOMEND_OTHER": "not ours"}
-    settings, sources = load({"port": 5, "host": None}, environment, file)
-    assert (settings.port, settings.burst, settings.log_level) == (5, 4, "debug")
-    assert sources["port"] == "flag"
-    assert sources["burst"] == "environment ROBOMEND_BURST"
-    assert sources["log_level"] == str(file)
-    assert sources["host"] == "default"
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -118,8 +106,3 @@ def test_the_settings_refuse_such_a_template_and_say_whose_it_is() -> None:
     with pytest.raises(SettingsError, match=r"program 'reset': .*must not depend"):
         load({"programs": {"reset": ["{0}"]}}, {}, None)
     assert load({"programs": {"reset": ["r", "{0}"]}}, {}, None)[0].programs == {"reset": ("r", "{0}")}
-
-
-def test_hosts_of_webhooks_come_from_the_environment_with_commas() -> None:
-    found, _ = load({}, {"ROBOMEND_WEBHOOK_HOSTS": "a:80,b"}, None)
-    assert found == Settings(webhook_hosts=("a:80", "b"))

@@ -95,18 +95,6 @@ def background(block: Block, folder: Path) -> Iterator[None]:
                 process.wait(60)
 
 
-TYPED_PER_S = 5
-"""Characters: sixty words a minute."""
-
-WAITING_S = 100
-"""Installing takes about a minute, what is waited for less than half of one."""
-
-
-def test_typing_all_of_it_leaves_time_to_install_and_to_wait_within_ten_minutes() -> None:
-    typed = sum(len(block.text) for block in TUTORIAL)
-    assert typed / TYPED_PER_S + WAITING_S <= 600
-
-
 @pytest.mark.timeout(1500)
 def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
     monkeypatch: pytest.MonkeyPatch,

@@ -5,6 +5,7 @@ its repair loop replaced by a recording double.
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -44,6 +45,10 @@ class Service:
     def api(self, method: str, path: str, **options: Any) -> httpx.Response:
         """Make a request below /api/v1."""
         return self.http.request(method, f"/api/v1{path}", **options)
+
+    def connect(self) -> socket.socket:
+        """Return a bare connection, which gives up after a minute."""
+        return socket.create_connection(("127.0.0.1", int(self.url.rsplit(":", 1)[1])), timeout=60)
 
     def run(self, work: Any) -> Any:
         """Run a coroutine on the service's event loop."""

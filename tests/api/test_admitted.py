@@ -43,8 +43,7 @@ class Keyed:
 
     def begin(self, method: str, path: str, kind: str = "application/json") -> socket.socket:
         """Return a connection on which the head of such a request was sent, and admitted."""
-        port = int(self.service.url.rsplit(":", 1)[1])
-        connection = socket.create_connection(("127.0.0.1", port), timeout=60)
+        connection = self.service.connect()
         head = (
             f"{method} /api/v1{path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {self.operator}\r\n"
         )
@@ -148,7 +147,7 @@ def test_a_long_poll_ends_with_its_client(start: StartService) -> None:
     service = start()
     service.with_robot()
     waiting = service.runtime.robots.waiting
-    with socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1]))) as connection:
+    with service.connect() as connection:
         connection.sendall(
             b"GET /api/v1/robots/r1/diagnosis?wait_s=60&after=9 HTTP/1.1\r\nHost: localhost\r\n\r\n"
         )

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import pytest
 from tests.api.conftest import TEDUSAR, Service, running, sign_in
-from tests.api.test_typed_repairs import described
+from tests.api.test_described import described
 from tests.waiting import until
 
 from robomend.api.schemas.audit import AuditOut

@@ -1,9 +1,9 @@
-"""Whatever comes in, the answer is a problem with a stable code, and never a 500."""
+"""Whatever comes in, the answer is a problem with a stable code, never a 500, by either way of a report."""
 
 from __future__ import annotations
 
 import json
-import socket
+import re
 from typing import Any
 
 import httpx
@@ -11,16 +11,28 @@ import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api.body import loads
-from robomend.errors import TooDeep
+from robomend.api.ingestion import Express
 
 JSON = {"Content-Type": "application/json"}
+JSON_TOO = {"Content-Type": "application/json; charset=utf-8"}
+"""The same kind of body; with a parameter it takes the framework's way, and not the short one."""
+
 PLACE = "/robots/r1/observations"
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _robot(service: Service) -> None:
     service.with_robot("r1")
+    service.with_robot("short")
+    assert service.api("PUT", "/robots/long", json={"model": "tedusar"}).status_code == 201
+
+
+def alike(answer: httpx.Response) -> tuple[int, str, Any]:
+    """Return what a client sees, but for what differs between any two requests."""
+    body = {name: value for name, value in answer.json().items() if name not in {"request_id", "revision"}}
+    if "detail" in body:  # the clock goes on between them
+        body["detail"] = re.sub(r"\b\d+ s ahead", "some s ahead", body["detail"])
+    return answer.status_code, answer.headers["content-type"], body
 
 
 @pytest.mark.parametrize(
@@ -70,42 +82,37 @@ def test_an_unknown_field_is_refused_with_the_one_that_was_meant(
     [
         (b"", 400, "malformed-json"),
         (b"{", 400, "malformed-json"),
-        (b'{"observations": ["ok(scan)"],}', 400, "malformed-json"),
         (b'{"observations": [NaN]}', 400, "malformed-json"),
-        (b'{"time": 1, "observations": [], "time": 2}', 400, "malformed-json"),
         (b'{"assertions": {"a": "ok(scan)", "a": "ok(odom)"}}', 400, "malformed-json"),
-        (b'{"lifetime_s": -Infinity}', 400, "malformed-json"),
         (b'{"lifetime_s": 1e999}', 422, "bad-input"),
         (b'{"observations": ["\xff\xfe"]}', 400, "malformed-json"),
         (b'{"observations": ["\\ud800"]}', 422, "bad-input"),
         (b'{"observations": ["ok(a\\u0000b)"]}', 422, "bad-input"),
         (b'{"time": ' + b"9" * 5000 + b"}", 422, "bad-input"),
         (b'{"time": 99999999999999999999999}', 422, "bad-input"),
-        (b'{"time": -1}', 422, "bad-input"),
         (b'{"observations": ["ok(scan)"], "time": true}', 422, "bad-input"),
-        (b'{"observations": ["ok(scan)"], "time": "5"}', 422, "bad-input"),
-        (b'{"observations": ["ok(scan)"], "together": 1}', 422, "bad-input"),
         (b"[" * 100_000, 422, "too-deep"),
-        (b'{"observations": ' + b"[" * 40 + b"]" * 40 + b"}", 422, "too-deep"),
-        (b'{"observations": "ok(scan)"}', 422, "bad-input"),
         (b'{"observations": [1]}', 422, "bad-input"),
         (b'{"observations": [""]}', 422, "bad-input"),
-        (b'{"obsrevations": []}', 422, "bad-input"),
         (b"[]", 422, "bad-input"),
-        (b"null", 422, "bad-input"),
         (b'{"observations": ["ok("]}', 422, "bad-observation"),
         (b'{"observations": ["ab(jaguar)"]}', 422, "bad-observation"),
         (b'{"observations": ["on(jaguar)", "ok(scan)", "not ok(scan)"]}', 422, "bad-observation"),
-        (b'{"observations": ["ok(scan) and not ok(scan)"]}', 422, "bad-observation"),
         (b'{"observations": ["' + b"(" * 3000 + b'"]}', 422, "bad-observation"),
+        (b'{"observations": ["' + b"[" * 100 + b'"]}', 422, "bad-observation"),  # in a text it is no depth
+        (b'{"observations": ["ok(nothing)"]}', 422, "bad-observation"),
+        (b'{"observations": ["ok(scan)"], "time": 9000000000000000000}', 422, "bad-input"),
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_a_malformed_body_is_told_apart(service: Service, body: bytes, status: int, code: str) -> None:
-    answer = service.api("POST", PLACE, content=body, headers=JSON)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert answer.json()["request_id"] == answer.headers["x-request-id"]
+def test_a_malformed_body_is_told_apart_and_alike_on_both_ways(
+    service: Service, body: bytes, status: int, code: str
+) -> None:
+    short, long = (service.api("POST", PLACE, content=body, headers=kind) for kind in (JSON, JSON_TOO))
+    assert (short.status_code, short.json()["code"]) == (status, code)
+    assert short.headers["content-type"] == "application/problem+json"
+    assert short.json()["request_id"] == short.headers["x-request-id"]
+    assert alike(short) == alike(long)
 
 
 @pytest.mark.parametrize(
@@ -142,11 +149,8 @@ def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -
         ("GET", "/nothing", 404),
         ("GET", "/robots/none", 404),
         ("GET", "/robots/none/diagnosis", 404),
-        ("GET", "/robots/none/events", 404),
-        ("GET", "/robots/none/history", 404),
         ("GET", "/repairs/none", 404),
         ("GET", "/changes/c-9", 404),
-        ("GET", "/models/none", 404),
         ("GET", "/models/none/versions", 404),
         ("GET", "/robots/r1/board", 404),
         ("PATCH", "/robots/r1", 405),
@@ -154,9 +158,7 @@ def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -
         ("GET", "/robots/a%2Fb", 404),
         ("GET", "/robots/" + "x" * 100, 422),
         ("GET", "/robots?limit=0", 422),
-        ("GET", "/robots?limit=x", 422),
         ("GET", "/audit?cursor=nonsense", 422),
-        ("GET", "/robots/r1/history?cursor=nonsense", 422),
         ("GET", "/robots/r1/history?kind=other", 422),
         ("GET", "/robots/r1/diagnosis?wait_s=nan", 422),
         ("GET", "/robots/r1/diagnosis?after=99999999999999999999", 422),
@@ -206,8 +208,7 @@ def test_a_yaml_bomb_is_refused(service: Service) -> None:
 
 def test_a_body_that_stalls_is_given_up(start: StartService) -> None:
     service = start(body_timeout_s=0.2)
-    with socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1]))) as slow:
-        slow.settimeout(10)
+    with service.connect() as slow:
         slow.sendall(
             b"POST /api/v1/stop HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
             b"Content-Length: 100\r\n\r\n{"
@@ -229,20 +230,6 @@ def test_a_secret_is_not_said_back(service: Service) -> None:
     answer = service.api("GET", "/robots", headers={"Authorization": f"Bearer {key}"})
     assert answer.status_code == 401
     assert key not in answer.text
-
-
-@pytest.mark.parametrize(
-    "text", ['{"a": [1, 2.5, "x", null, true]}', '"\\u00e9\\ud83d\\ude00"', "[" * 32 + "]" * 32]
-)
-def test_good_json_is_read_as_it_is(text: str) -> None:
-    assert loads(text.encode(), 32) == json.loads(text)
-
-
-def test_brackets_in_strings_do_not_count_as_depth() -> None:
-    value: Any = ["[" * 100, '"[{' * 30]
-    assert loads(json.dumps(value).encode(), 4) == value
-    with pytest.raises(TooDeep):
-        loads(b'["' + b"[" * 100 + b'", [[[[[]]]]]]', 4)
 
 
 def test_a_reason_is_one_line_that_shows_as_it_reads(service: Service) -> None:
@@ -281,3 +268,90 @@ def test_a_bug_of_ours_is_answered_with_a_problem_and_nothing_of_it(
     assert answer.json()["code"] == "internal"
     assert answer.json()["request_id"] == answer.headers["x-request-id"]
     assert "secret" not in answer.text
+
+
+PLAIN = b'{"observations": ["not ok(scan)"]}'
+FULL = json.dumps(
+    {
+        "observations": ["ok(map)"],
+        "assertions": {"a": "ok(map) or ok(scan)"},
+        "time": 1_700_000_000_000_000_000,
+        "source": "s",
+        "lifetime_s": 5,
+        "together": False,
+    }
+).encode()
+
+
+@pytest.mark.parametrize(
+    ("robot", "body", "headers", "status"),
+    [
+        ("", PLAIN, {}, 200),
+        ("", FULL, {}, 200),
+        ("", PLAIN, {"Origin": "http://elsewhere.example"}, 403),
+        ("", PLAIN, {"Host": "elsewhere.example"}, 421),
+        ("", PLAIN, {"Idempotency-Key": "two words"}, 422),
+        ("nobody", PLAIN, {}, 404),
+    ],
+    ids=["plain", "all fields", "another origin", "another host", "an ill-formed key", "no such robot"],
+)
+def test_a_request_has_the_same_answer_on_both_ways(
+    service: Service, robot: str, body: bytes, headers: dict[str, str], status: int
+) -> None:
+    """The short way of POST …/observations, and the framework's."""
+    short, long = (
+        service.api("POST", f"/robots/{robot or name}/observations", content=body, headers=kind | headers)
+        for name, kind in (("short", JSON), ("long", JSON_TOO))
+    )
+    assert alike(short) == alike(long)
+    assert short.status_code == status
+
+
+def test_a_key_has_its_first_answer_whichever_way_the_repeat_takes(service: Service) -> None:
+    first, again = (
+        service.api(
+            "POST", "/robots/short/observations", content=PLAIN, headers=kind | {"Idempotency-Key": "k-1"}
+        )
+        for kind in (JSON, JSON_TOO)
+    )
+    assert first.json() == again.json()
+
+
+def test_only_plain_requests_take_the_short_way(service: Service) -> None:
+    route = next(r for r in service.runtime.app.routes if getattr(r, "path", "").endswith("/observations"))
+    express = Express(service.runtime.app.state.parts, service.runtime.app.state.gate, route)
+
+    def takes(method: str, path: str, **headers: str) -> bool:
+        given = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
+        return express.takes({"type": "http", "method": method, "path": path, "headers": given})
+
+    there, json_body = "/api/v1/robots/r1/observations", "application/json"
+    assert takes("POST", there, content_type=json_body)
+    assert takes("POST", there, content_type=json_body, idempotency_key="k")
+    assert not takes("POST", there, content_type=json_body, idempotency_key="two words")
+    assert not takes("POST", there, content_type="application/x-ndjson")
+    assert not takes("POST", there)
+    assert not takes("GET", there, content_type=json_body)
+    assert not takes("POST", there + "/", content_type=json_body)
+    assert not takes("POST", "/api/v1/robots/r 1/observations", content_type=json_body)
+
+
+def test_roles_hold_on_the_short_way(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1")
+    keys = {role: service.key(role) for role in ("viewer", "operator")}
+    keys |= {"own": service.key("robot", "r1"), "other": service.key("robot", "r2"), "none": ""}
+
+    def status(key: str) -> int:
+        head = JSON | ({"Authorization": f"Bearer {key}"} if key else {})
+        return service.api("POST", "/robots/r1/observations", content=PLAIN, headers=head).status_code
+
+    statuses = {name: status(key) for name, key in keys.items()}
+    assert statuses == {"viewer": 403, "operator": 200, "own": 200, "other": 403, "none": 401}
+
+
+def test_metrics_name_the_route_on_both_ways(service: Service) -> None:
+    service.observe("ok(odom)", robot="short")
+    text = service.http.get("/metrics").text
+    route = "/api/v1/robots/{robot}/observations"
+    assert f'robomend_requests_total{{method="POST",route="{route}",status="200"}}' in text

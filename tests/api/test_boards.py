@@ -2,58 +2,46 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from tests.api.conftest import Service, StartService
 from tests.api.test_moments import moment
+from tests.robomend_board.processes import running as board_running
+from tests.waiting import until
 
 from robomend.store import global_stop
 
 
 @pytest.fixture
 def board() -> Iterator[int]:
-    """An emulated board as a process; yields its port. Channels 2 and 7 are on at power-up."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from robomend_board.main import main; main()", "--port", "0", "--on", "2,7"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        yield int(json.loads(process.stdout.readline())["port"])
-    finally:
-        process.kill()
-        process.wait(60)
+    """The port of an emulated board, whose channels 2 and 7 are on at power-up."""
+    with board_running("--on", "2,7") as process:
+        yield process.port
 
 
-def until(service: Service, *wanted: str) -> None:
-    """Wait until OBS holds these literals."""
-    deadline = time.monotonic() + 60
-    while True:
+def seen(service: Service, *wanted: str) -> None:
+    """Wait until the board has these literals in OBS."""
+
+    def held() -> set[str]:
         found = service.api("GET", "/robots/r1/observations").json()["observations"]
-        held = {one["literal"] for one in found if one["source"] == "board"}
-        if held >= set(wanted):
-            return
-        assert time.monotonic() < deadline, (wanted, held)
-        time.sleep(0.02)
+        return {one["literal"] for one in found if one["source"] == "board"}
+
+    until(lambda: held() >= set(wanted), f"{wanted} is in OBS")
 
 
 def test_channels_are_observed_switched_and_protected(start: StartService, board: int) -> None:
     service = start()
     service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": [2, 7]})
-    until(service, "on(jaguar)", "not on(hokuyo)")
+    seen(service, "on(jaguar)", "not on(hokuyo)")
     shown = service.api("GET", "/robots/r1/board").json()
     assert shown["state"] == "connected"
     assert shown["channels"][7]["component"] == "jaguar"
     assert shown["channels"][7]["protected"]
 
     assert service.api("PUT", "/robots/r1/board/channels/3", json={"on": True}).status_code == 204
-    until(service, "on(hokuyo)")
+    seen(service, "on(hokuyo)")
     refused = service.api("PUT", "/robots/r1/board/channels/7", json={"on": False})
     assert (refused.status_code, refused.json()["code"]) == (403, "refused")
     assert service.api("PUT", "/robots/r1/board/channels/99", json={"on": True}).status_code == 404
@@ -65,10 +53,10 @@ def test_channels_are_observed_switched_and_protected(start: StartService, board
 def test_a_moment_has_the_board_as_it_was_when_it_came(start: StartService, board: int) -> None:
     service = start()
     service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []})
-    until(service, "on(jaguar)", "not on(hokuyo)")
+    seen(service, "on(jaguar)", "not on(hokuyo)")
     one = service.api("POST", "/robots/r1/moments", json=moment(complete=False)).json()["id"]
     assert service.api("PUT", "/robots/r1/board/channels/3", json={"on": True}).status_code == 204
-    until(service, "on(hokuyo)")
+    seen(service, "on(hokuyo)")
     assert service.api("POST", "/robots/r1/moments", json=moment()).json()["id"] == one
     found = service.api("GET", f"/moments/{one}").json()
     assert found["complete"]
@@ -83,20 +71,24 @@ def test_a_board_that_is_gone_is_unknown_and_does_not_stop_the_service(
 ) -> None:
     service = start()
     service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20})
-    until(service, "on(jaguar)")
+    seen(service, "on(jaguar)")
     away = {"host": "127.0.0.1", "port": 1}
     body = {"model": "tedusar", "board": away}
     assert service.api("PUT", "/robots/r1", json=body, headers={"If-Match": "*"}).status_code == 200
     answer = service.api("PUT", "/robots/r1/board/channels/3", json={"on": True})
     assert (answer.status_code, answer.json()["code"]) == (503, "board-unreachable")
-    deadline = time.monotonic() + 60
-    while "boards" not in (checks := service.http.get("/readyz").json()["checks"]):  # told if there is time
-        assert time.monotonic() < deadline, "boards are never told"
+    checks: dict[str, Any] = {}
+
+    def told() -> bool:
+        checks.update(service.http.get("/readyz").json()["checks"])  # of the boards, if there is time
+        return "boards" in checks
+
+    until(told, "boards are told")
     assert checks["boards"]["ok"] is False
-    deadline = time.monotonic() + 60
-    while service.api("GET", "/robots/r1/observations").json()["observations"]:
-        assert time.monotonic() < deadline, "a board that is gone still says what is on"
-        time.sleep(0.02)
+    until(
+        lambda: not service.api("GET", "/robots/r1/observations").json()["observations"],
+        "a board that is gone says no more what is on",
+    )
     assert service.http.get("/readyz").status_code == 200
 
 
@@ -128,7 +120,7 @@ def test_a_person_does_not_switch_off_what_the_robot_protects_nor_what_feeds_it(
     at = {"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []}
     config = {"model": "fed", "protected": ["camera"], "board": at}
     assert service.api("PUT", "/robots/r1", json=config).status_code == 201
-    until(service, "on(rail)")
+    seen(service, "on(rail)")
     assert switch_off(service, 3) == (403, "channel 3 is protected: camera is protected")
     assert switch_off(service, 7) == (403, "channel 7 is protected: camera, which it feeds, is protected")
     assert switch_off(service, 0) == (403, "channel 0 is protected: nothing switches it off")
@@ -137,21 +129,21 @@ def test_a_person_does_not_switch_off_what_the_robot_protects_nor_what_feeds_it(
     assert {one["channel"] for one in shown if one["protected"]} == {0, 3, 7}
     driver = {**config, "protected": ["lamp_d"]}
     assert service.api("PUT", "/robots/r1", json=driver, headers={"If-Match": "*"}).status_code == 200
-    until(service, "on(rail)")
+    seen(service, "on(rail)")
     why = "lamp_d, its driver, which would have to restart after it, is protected"
     assert switch_off(service, 4) == (403, f"channel 4 is protected: {why}")
     assert switch_off(service, 7) == (403, "channel 7 is protected: lamp, which it feeds, is protected")
     assert service.api("PUT", "/robots/r1/board/channels/4", json={"on": True}).status_code == 204
     freed = service.api("PUT", "/robots/r1", json={**config, "protected": []}, headers={"If-Match": "*"})
     assert freed.status_code == 200
-    until(service, "on(rail)")
+    seen(service, "on(rail)")
     assert switch_off(service, 7) == (204, "")
 
 
 def test_the_global_stop_stops_a_person_s_switch_too(start: StartService, board: int) -> None:
     service = start()
     service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []})
-    until(service, "on(jaguar)", "not on(hokuyo)")
+    seen(service, "on(jaguar)", "not on(hokuyo)")
 
     def stop(active: bool) -> None:
         write = service.runtime.store.write
@@ -166,7 +158,7 @@ def test_the_global_stop_stops_a_person_s_switch_too(start: StartService, board:
     assert switch_off(service, 7)[0] == 403
     stop(False)
     assert switch_off(service, 7) == (204, "")
-    until(service, "not on(jaguar)", "not on(hokuyo)")  # what was asked during the stop was not done later
+    seen(service, "not on(jaguar)", "not on(hokuyo)")  # what was asked during the stop was not done later
 
 
 def test_a_person_does_not_switch_a_channel_unless_the_robot_is_seen_as_the_model_demands(
@@ -176,7 +168,7 @@ def test_a_person_does_not_switch_a_channel_unless_the_robot_is_seen_as_the_mode
     service.api("PUT", "/models/fed", json={"source": FED + "properties: [parked]\nact_when: ok(parked)\n"})
     config = {"model": "fed", "board": {"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []}}
     assert service.api("PUT", "/robots/r1", json=config).status_code == 201
-    until(service, "on(rail)")
+    seen(service, "on(rail)")
     refused = "act_when of the model, `ok(parked)`, is not what is observed: "
     assert switch_off(service, 4) == (403, refused + "nobody reports ok(parked)")
     service.observe("not ok(parked)")

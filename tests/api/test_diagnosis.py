@@ -78,7 +78,7 @@ def test_what_flaps_is_debounced_but_not_for_ever(service: Service) -> None:
     service.observe("ok(scan)", robot="flapping")
     service.diagnosis("flapping", wait_s=60, after=0)
     asked, answered = [time.monotonic()], [time.monotonic()]
-    while asked[-1] - asked[0] < 2.5:
+    while asked[-1] - asked[0] < 1.5:
         asked.append(time.monotonic())
         service.observe("ok(scan)" if len(asked) % 2 else "not ok(scan)", robot="flapping")
         answered.append(time.monotonic())
@@ -179,23 +179,6 @@ def test_what_a_long_text_says_never_comes_into_the_service(
     assert "Vocabulary" in seen
 
 
-def test_a_plan_is_made_without_a_robot(service: Service) -> None:
-    body = {"model": "tedusar", "observations": ["not on(jaguar)", "running(jaguar_node)"], "pddl": True}
-    found = service.api("POST", "/plans", json=body).json()
-    assert found["choice"]["bad"] == ["jaguar"]
-    assert [one["bad"] for one in found["alternatives"]] == [["jaguar"]]
-    assert found["plan"]["outcome"] == "solved"
-    assert found["plan"]["graph"]["edges"] == [[0, 1], [1, 2]]
-    assert found["plan"]["steps"][0]["text"] == "power_up(jaguar)"
-    assert "(define" in found["plan"]["pddl"]["problem"]
-
-
-def test_a_planner_that_nobody_has_is_refused_with_those_that_exist(service: Service) -> None:
-    refused = service.api("POST", "/plans", json={"model": "tedusar", "planner": "graphplan"})
-    assert (refused.status_code, refused.json()["code"]) == (422, "option-refused")
-    assert "pyperplan, asp" in refused.json()["detail"]
-
-
 def test_a_node_that_is_meant_to_be_stopped_is_neither_blamed_nor_started(service: Service) -> None:
     body = {"model": "tedusar", "observations": ["not running(rviz)", "not running(hector_mapping)"]}
     with_rviz = service.api("POST", "/plans", json=body).json()
@@ -277,18 +260,17 @@ def test_a_slow_model_is_slow_alone(start: StartService) -> None:
     assert found["result"]["diagnoses"] or found["result"]["stopped_by"] == "time"
 
 
-def test_a_node_that_is_meant_to_be_stopped_is_no_fault_and_the_answer_says_so(start: StartService) -> None:
-    service = start()
-    service.with_robot(expected={"stopped": ["rviz"]})
-    service.observe("not running(rviz)", "not running(hector_mapping)")
-    found = service.diagnosis(after=0, wait_s=60)
+def test_a_node_that_is_meant_to_be_stopped_is_no_fault_and_the_answer_says_so(service: Service) -> None:
+    service.with_robot("resting", expected={"stopped": ["rviz"]})
+    service.observe("not running(rviz)", "not running(hector_mapping)", robot="resting")
+    found = service.diagnosis("resting", after=0, wait_s=60)
     assert bad_sets(found) == [{"hector_mapping"}]
     assert found["expected_stopped"] == ["rviz"]
-    robot = service.api("GET", "/robots/r1")
+    robot = service.api("GET", "/robots/resting")
     wanted = {"model": "tedusar", "expected": {"stopped": []}}
-    service.api("PUT", "/robots/r1", json=wanted, headers={"If-Match": robot.headers["etag"]})
+    service.api("PUT", "/robots/resting", json=wanted, headers={"If-Match": robot.headers["etag"]})
     for _ in range(100):
-        found = service.diagnosis(wait_s=0.1)
+        found = service.diagnosis("resting", wait_s=0.1)
         if not found["expected_stopped"]:
             break
     assert bad_sets(found) == [{"rviz", "hector_mapping"}]

@@ -96,6 +96,7 @@ def typescript(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_client_in_typescript_is_generated_and_compiles(service: Service, typescript: Path) -> None:
     (typescript / "openapi.json").write_text(service.http.get("/openapi.json").text)
     (typescript / "calls.ts").write_text(CALLS)
@@ -138,7 +139,7 @@ def test_a_generated_client_goes_from_model_to_diagnosis(service: Service, gener
             idempotency_key="once",
         )
         assert accepted.revision == 1
-        found = part("api.diagnosis.get_diagnosis").sync("r1", client=client, wait_s=10.0)
+        found = part("api.diagnosis.get_diagnosis").sync("r1", client=client, after=0, wait_s=60.0)
         assert [one.bad for one in found.result.diagnoses] == [["jaguar"]]
         missing = part("api.robots.get_robot").sync_detailed("nobody", client=client)
     assert (missing.status_code, missing.parsed.code) == (404, "not-found")

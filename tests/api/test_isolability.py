@@ -46,10 +46,8 @@ def test_without_time_the_answer_says_so(service: Service) -> None:
     [
         ("nobody", {}, 404, "nobody"),
         ("tedusar", {"observed": ["ok(scam)"]}, 422, "scan"),
-        ("tedusar", {"observed": []}, 422, "name observables"),
         ("tedusar", {"observed": ["ok(scan) or ok(map)"]}, 422, "nothing richer"),
         ("tedusar", {"robot": "r9"}, 404, "r9"),
-        ("tedusar", {"timeout_s": 0}, 422, "timeout_s"),
         ("other", {"robot": "bad"}, 422, "follows the model tedusar"),
     ],
 )

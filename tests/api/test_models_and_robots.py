@@ -5,53 +5,50 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
+from tests.api.conftest import TEDUSAR, Service, bad_sets
 
 from robomend.api.routers import robots
 
 
-def test_a_model_is_created_read_and_replaced_with_its_etag(start: StartService) -> None:
-    service = start()
-    made = service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+def test_a_model_is_created_read_and_replaced_with_its_etag(service: Service) -> None:
+    made = service.api("PUT", "/models/read", json={"source": TEDUSAR})
     assert made.status_code == 201
     etag = made.headers["etag"]
-    read = service.api("GET", "/models/tedusar")
+    read = service.api("GET", "/models/read")
     assert read.headers["etag"] == etag
     assert read.json()["source"] == TEDUSAR
     assert "jaguar" in read.json()["components"]
 
     changed = {"source": TEDUSAR + "\n# a remark\n"}
-    assert service.api("PUT", "/models/tedusar", json=changed).status_code == 428
-    stale = service.api("PUT", "/models/tedusar", json=changed, headers={"If-Match": '"x"'})
+    assert service.api("PUT", "/models/read", json=changed).status_code == 428
+    stale = service.api("PUT", "/models/read", json=changed, headers={"If-Match": '"x"'})
     assert (stale.status_code, stale.json()["code"]) == (412, "precondition-failed")
-    again = service.api("PUT", "/models/tedusar", json=changed, headers={"If-Match": etag})
+    again = service.api("PUT", "/models/read", json=changed, headers={"If-Match": etag})
     assert again.status_code == 200
     assert again.headers["etag"] != etag
-    only_new = service.api("PUT", "/models/tedusar", json=changed, headers={"If-None-Match": "*"})
+    only_new = service.api("PUT", "/models/read", json=changed, headers={"If-None-Match": "*"})
     assert (only_new.status_code, only_new.json()["code"]) == (412, "precondition-failed")
-    versions = service.api("GET", "/models/tedusar/versions").json()["items"]
+    versions = service.api("GET", "/models/read/versions").json()["items"]
     assert [version["number"] for version in versions] == [2, 1]
 
 
 def test_the_model_that_a_robot_follows_is_told_as_propositions_and_clauses(
-    start: StartService, monkeypatch: pytest.MonkeyPatch
+    service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    service = start()
-    service.with_robot()
-    told = service.api("GET", "/robots/r1/model").json()
+    service.with_robot("followed")
+    told = service.api("GET", "/robots/followed/model").json()
     assert (told["model"], told["ab"], told["nab"], told["neg_prefix"]) == ("tedusar", "AB", "NAB", "not_")
     assert len(told["rules"]) == 18
     assert "NAB(hokuyo_node)->running(hokuyo_node)" in told["rules"]
     assert "ok(scan)" in told["props"]
     assert service.api("GET", "/robots/nobody/model").status_code == 404
     monkeypatch.setattr(robots, "MOST_CLAUSES", 17)
-    large = service.api("GET", "/robots/r1/model")
+    large = service.api("GET", "/robots/followed/model")
     assert (large.status_code, large.json()["code"]) == (413, "too-large")
 
 
-def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(start: StartService) -> None:
-    service = start()
-    service.with_robot()
+def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(service: Service) -> None:
+    service.with_robot("kept")
     bad = "robomend: 1\nname: x\nhardware:\n  a: {channel: 1}\n  b: {channel: 1}\n"
     answer = service.api("PUT", "/models/tedusar", json={"source": bad}, headers={"If-Match": "*"})
     assert answer.status_code == 422
@@ -60,8 +57,7 @@ def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(start: Start
     assert service.api("GET", "/models/tedusar").json()["source"] == TEDUSAR
 
 
-def test_rules_that_contradict_one_another_are_warned_of(start: StartService) -> None:
-    service = start()
+def test_rules_that_contradict_one_another_are_warned_of(service: Service) -> None:
     clash = 'robomend: 1\nname: x\nnodes: {n: {}}\nproperties: {p: {}}\nrules: ["ok(p)", "not ok(p)"]\n'
     made = service.api("PUT", "/models/clash", json={"source": clash})
     assert made.status_code == 201
@@ -70,8 +66,7 @@ def test_rules_that_contradict_one_another_are_warned_of(start: StartService) ->
     assert service.api("GET", "/models/clash").json()["warnings"] == [warning]
 
 
-def test_a_component_that_no_rule_can_blame_is_warned_of_when_the_model_is_saved(start: StartService) -> None:
-    service = start()
+def test_a_component_that_no_rule_can_blame_is_warned_of_when_the_model_is_saved(service: Service) -> None:
     source = "robomend: 1\nname: x\nhardware: {pc: {}}\nnodes: {n: {publishes: {t: []}}}\n"
     made = service.api("PUT", "/models/x", json={"source": source})
     assert made.status_code == 201
@@ -80,31 +75,32 @@ def test_a_component_that_no_rule_can_blame_is_warned_of_when_the_model_is_saved
     assert service.api("GET", "/models/x").json()["warnings"] == [warning]
 
 
-def test_a_resource_is_created_only_where_there_is_none(start: StartService) -> None:
-    service = start()
+def test_a_resource_is_created_only_where_there_is_none(service: Service) -> None:
     new = {"If-None-Match": "*"}
-    assert service.api("PUT", "/models/m", json={"source": TEDUSAR}, headers=new).status_code == 201
-    assert service.api("PUT", "/models/m", json={"source": TEDUSAR}, headers=new).status_code == 412
-    assert service.api("PUT", "/robots/r", json={"model": "m"}, headers=new).status_code == 201
-    again = service.api("PUT", "/robots/r", json={"model": "m"}, headers=new)
+    assert service.api("PUT", "/models/once", json={"source": TEDUSAR}, headers=new).status_code == 201
+    assert service.api("PUT", "/models/once", json={"source": TEDUSAR}, headers=new).status_code == 412
+    assert service.api("PUT", "/robots/once", json={"model": "once"}, headers=new).status_code == 201
+    again = service.api("PUT", "/robots/once", json={"model": "once"}, headers=new)
     assert (again.status_code, again.json()["code"]) == (412, "precondition-failed")
 
 
-def test_a_put_whose_answer_got_lost_is_asked_for_again_and_changes_nothing_more(start: StartService) -> None:
-    service = start()
+def test_a_put_whose_answer_got_lost_is_asked_for_again_and_changes_nothing_more(service: Service) -> None:
 
     def twice(path: str, body: Any, **headers: str) -> tuple[int, str]:
         first, again = (service.api("PUT", path, json=body, headers=headers) for _ in range(2))
         assert (again.status_code, again.json()) == (first.status_code, first.json())
         return first.status_code, first.headers["etag"]
 
-    assert twice("/models/m", {"source": TEDUSAR})[0] == 201
-    created, etag = twice("/robots/r", {"model": "m"})
-    changed = {"model": "m", "policy": "observe"}
-    assert (created, twice("/robots/r", changed, **{"If-Match": etag})[0]) == (201, 200)
-    told = service.api("GET", "/audit", params={"robot": "r"}).json()["items"]
+    assert twice("/models/lost", {"source": TEDUSAR})[0] == 201
+    created, etag = twice("/robots/lost", {"model": "lost"})
+    changed = {"model": "lost", "policy": "observe"}
+    assert (created, twice("/robots/lost", changed, **{"If-Match": etag})[0]) == (201, 200)
+    told = service.api("GET", "/audit", params={"robot": "lost"}).json()["items"]
     assert [one["action"] for one in told] == ["robot.put"] * 2
-    assert service.api("PUT", "/robots/r", json={"model": "m"}, headers={"If-Match": etag}).status_code == 412
+    assert (
+        service.api("PUT", "/robots/lost", json={"model": "lost"}, headers={"If-Match": etag}).status_code
+        == 412
+    )
 
 
 @pytest.mark.parametrize("tag", ['W/"x"', '"x", "y"', "x", '"*"', ""])
@@ -113,15 +109,15 @@ def test_an_etag_is_one_strong_one(service: Service, tag: str) -> None:
     assert made.status_code == 422
 
 
-def test_a_model_in_use_is_not_deleted(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    assert service.api("DELETE", "/models/tedusar").status_code == 428
-    assert service.api("DELETE", "/models/tedusar", headers={"If-Match": "*"}).status_code == 409
-    assert service.api("DELETE", "/robots/r1", headers={"If-Match": "*"}).status_code == 204
-    assert service.api("DELETE", "/models/tedusar", headers={"If-Match": "*"}).status_code == 204
-    assert service.api("GET", "/models/tedusar").status_code == 404
-    assert service.api("GET", "/robots/r1/diagnosis").status_code == 404
+def test_a_model_in_use_is_not_deleted(service: Service) -> None:
+    service.api("PUT", "/models/used", json={"source": TEDUSAR})
+    service.api("PUT", "/robots/user", json={"model": "used"})
+    assert service.api("DELETE", "/models/used").status_code == 428
+    assert service.api("DELETE", "/models/used", headers={"If-Match": "*"}).status_code == 409
+    assert service.api("DELETE", "/robots/user", headers={"If-Match": "*"}).status_code == 204
+    assert service.api("DELETE", "/models/used", headers={"If-Match": "*"}).status_code == 204
+    assert service.api("GET", "/models/used").status_code == 404
+    assert service.api("GET", "/robots/user/diagnosis").status_code == 404
 
 
 def test_a_robot_is_checked_against_its_model(service: Service) -> None:
@@ -148,36 +144,36 @@ def test_a_robot_is_checked_against_its_model(service: Service) -> None:
     assert service.api("GET", "/robots/r9").status_code == 404
 
 
-def test_a_new_version_diagnoses_anew_without_losing_obs(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    service.observe("not on(jaguar)", "ok(odom)")
-    before = service.diagnosis(wait_s=60, after=0)
+def test_a_new_version_diagnoses_anew_without_losing_obs(service: Service) -> None:
+    service.api("PUT", "/models/newer", json={"source": TEDUSAR})
+    service.api("PUT", "/robots/anew", json={"model": "newer"})
+    service.observe("not on(jaguar)", "ok(odom)", robot="anew")
+    before = service.diagnosis("anew", wait_s=60, after=0)
     assert before["result"]["diagnoses"][0]["bad"] == ["jaguar"]
     more = TEDUSAR.rstrip() + '\nrules:\n  - "not ab(imu) -> on(jaguar)"\n'
-    service.api("PUT", "/models/tedusar", json={"source": more}, headers={"If-Match": "*"})
+    service.api("PUT", "/models/newer", json={"source": more}, headers={"If-Match": "*"})
     for _ in range(100):
-        after = service.diagnosis(wait_s=0.1)
+        after = service.diagnosis("anew", wait_s=0.1)
         if after["model_version"] != before["model_version"]:
             break
     assert after["revision"] == before["revision"]
     assert bad_sets(after) == [{"jaguar", "imu"}]
 
 
-def test_replacing_a_robot_keeps_obs_and_tells_its_followers(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    service.observe("not ok(scan)")
-    etag = service.api("GET", "/robots/r1").headers["etag"]
+def test_replacing_a_robot_keeps_obs_and_tells_its_followers(service: Service) -> None:
+    service.with_robot("replaced")
+    service.observe("not ok(scan)", robot="replaced")
+    etag = service.api("GET", "/robots/replaced").headers["etag"]
     body = {"model": "tedusar", "policy": "observe"}
-    answer = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": etag})
+    answer = service.api("PUT", "/robots/replaced", json=body, headers={"If-Match": etag})
     assert answer.status_code == 200
     assert answer.json()["config"]["policy"] == "observe"
     assert answer.json()["revision"] == 1
     assert (
-        service.api("GET", "/robots/r1/observations").json()["observations"][0]["literal"] == "not ok(scan)"
+        service.api("GET", "/robots/replaced/observations").json()["observations"][0]["literal"]
+        == "not ok(scan)"
     )
-    noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
+    noted = service.api("GET", "/audit", params={"robot": "replaced"}).json()["items"]
     assert [entry["action"] for entry in noted] == ["robot.put", "observations.report", "robot.put"]
     assert noted[0]["before"]["policy"] == "approve"
 
@@ -191,28 +187,27 @@ CALL_HUMAN = """
 """
 
 
-def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService) -> None:
-    service = start()
+def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(service: Service) -> None:
     hook = {"executor": {"kind": "webhook", "options": {"url": "https://example.org/", "secret": "s3cr3t"}}}
-    service.with_robot(actions={"call_human": hook}, domain=CALL_HUMAN)
-    shown = service.api("GET", "/robots/r1")
+    service.with_robot("hooked", actions={"call_human": hook}, domain=CALL_HUMAN)
+    shown = service.api("GET", "/robots/hooked")
     options = shown.json()["config"]["actions"]["call_human"]["executor"]["options"]
     assert options == {"url": "https://example.org/", "secret": "**********"}
 
     body = shown.json()["config"] | {"policy": "observe"}
-    assert service.api("PUT", "/robots/r1", json=body).status_code == 428
-    put = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": shown.headers["etag"]})
+    assert service.api("PUT", "/robots/hooked", json=body).status_code == 428
+    put = service.api("PUT", "/robots/hooked", json=body, headers={"If-Match": shown.headers["etag"]})
     assert put.status_code == 200
-    stored = service.run(service.runtime.robots.memory.robot("r1")).config
+    stored = service.run(service.runtime.robots.memory.robot("hooked")).config
     assert stored.policy == "observe"
     assert stored.actions["call_human"]["executor"]["options"]["secret"] == "s3cr3t"
 
-    never = service.api("PUT", "/robots/r2", json=body)
+    never = service.api("PUT", "/robots/never", json=body)
     assert (never.status_code, never.json()["code"]) == (422, "bad-input")
-    assert service.api("GET", "/robots/r2").status_code == 404
-    gone = service.api("DELETE", "/robots/r1", headers={"If-Match": "*"})
+    assert service.api("GET", "/robots/never").status_code == 404
+    gone = service.api("DELETE", "/robots/hooked", headers={"If-Match": "*"})
     assert gone.status_code == 204
-    told = service.api("GET", "/audit", params={"robot": "r1"})
+    told = service.api("GET", "/audit", params={"robot": "hooked"})
     assert len(told.json()["items"]) == 3
     assert "s3cr3t" not in shown.text + put.text + told.text
 
@@ -225,11 +220,6 @@ def test_a_program_that_the_settings_do_not_name_is_refused_when_the_robot_is_pu
     said = "actions.start_node: the service's settings name no program 'roslaunch' (programs: none)"
     assert refused.json()["detail"].startswith(said)
     assert service.api("GET", "/robots/programmed").status_code == 404
-
-
-def test_what_is_found_out_about_a_robot_is_said_with_it(service: Service) -> None:
-    service.with_robot("found")
-    assert service.api("GET", "/robots/found").json()["findings"] == ["nobody looks at found"]
 
 
 @pytest.mark.parametrize("kind", ["application/yaml", "text/yaml", "application/x-yaml", "text/plain"])

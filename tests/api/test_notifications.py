@@ -101,15 +101,6 @@ def test_who_is_told_and_what_they_were_told_is_shown_without_secrets(service: S
         assert "s3cret" not in text
 
 
-def test_the_button_on_the_page_sends_a_test(service: Service, hook: Hook) -> None:
-    before = len(of(hook, "test"))
-    answer = service.http.post(
-        "/ui/notifications", data={"recipient": "duty"}, headers={"Origin": service.url}
-    )
-    assert (answer.status_code, answer.headers["location"]) == (303, "/ui/notifications")
-    assert len(of(hook, "test")) == before + 1
-
-
 def test_what_could_not_be_delivered_survives_a_restart(tmp_path: Path) -> None:
     away = Hook()
     settings = told_by(tmp_path, away)

@@ -139,11 +139,11 @@ def test_config_tells_where_each_value_comes_from(tmp_path: Path) -> None:
     file = tmp_path / "robomend.yaml"
     file.write_text("port: 1234\nlog_level: debug\ndatabase: postgresql://u:secret@h/d\n")
     asked = ("config", "--config", str(file), "--data", str(tmp_path), "--format", "json")
-    _, shown, _ = told(tmp_path, *asked, ROBOMEND_PORT="4321")
+    _, shown, _ = told(tmp_path, *asked, ROBOMEND_PORT="4321", ROBOMEND_DATA="elsewhere")
     table = json.loads(shown)
     assert table["port"] == {"value": 4321, "source": "environment ROBOMEND_PORT"}
     assert table["log_level"] == {"value": "debug", "source": str(file)}
-    assert table["data"]["source"] == "flag"
+    assert table["data"] == {"value": str(tmp_path), "source": "flag"}
     assert table["max_streams"]["source"] == "default"
     assert "secret" not in shown
 
@@ -187,7 +187,12 @@ SILENT = 1500
 
 
 @pytest.mark.parametrize(
-    "says", [b"", b"GET /heal", b"GET /api/v1/robots HTTP/1.1\r\n"], ids=["nothing", "ours", "head"]
+    "says",
+    [
+        pytest.param(b"", id="nothing"),
+        pytest.param(b"GET /heal", id="ours", marks=pytest.mark.long),
+        pytest.param(b"GET /api/v1/robots HTTP/1.1\r\n", id="head"),
+    ],
 )
 def test_a_stop_is_taken_at_the_limit_of_descriptors(tmp_path: Path, says: bytes) -> None:
     """Whoever fills it with connections that say nothing, or begin, keeps nobody from the red button."""

@@ -13,15 +13,10 @@ from structlog.testing import capture_logs
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import edge, protocol
+from robomend.api import edge
 from robomend.api.protocol import HEADERS
 
 HOST = b"Host: localhost\r\n"
-
-
-def connect(service: Service) -> socket.socket:
-    """Return a connection that gives up after a minute."""
-    return socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])), timeout=60)
 
 
 def rest(connection: socket.socket) -> bytes:
@@ -37,11 +32,18 @@ def rest(connection: socket.socket) -> bytes:
 
 def ask(service: Service, data: bytes) -> tuple[int, dict[str, object]]:
     """Send bytes and return the status and body of the only answer, after which the connection ends."""
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(data)
         head, _, body = rest(connection).partition(b"\r\n\r\n")
     assert b"content-type: application/problem+json" in head.lower()
     return int(head.split()[1]), json.loads(body)
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Connections whose answer was given are kept for a moment only."""
+    for name in ("protocol.REST_S", "protocol.LINGER_S", "edge.LINGER_S"):
+        monkeypatch.setattr(f"robomend.api.{name}", 0.2)
 
 
 POST = b"POST /api/v1/stop HTTP/1.1\r\n" + HOST
@@ -74,7 +76,7 @@ def test_what_is_no_http_1_1_is_a_problem(service: Service, data: bytes, status:
 def test_an_endless_head_is_cut_off(service: Service, line: bytes) -> None:
     start = line if line.startswith(b"GET") else b"GET /version-info HTTP/1.1\r\n" + HOST + line
     more = line * 100 if line.endswith(b"\n") else b"a" * 10_000
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(start)
         sent = 0
         try:
@@ -97,10 +99,10 @@ def test_a_head_beyond_the_limit_is_a_431(start: StartService) -> None:
 
 
 def test_a_head_that_does_not_end_is_given_up(start: StartService) -> None:
-    service = start(head_timeout_s=1.0)
+    service = start(head_timeout_s=0.5)
     status, body = ask(service, b"GET /version-info HTTP/1.1\r\n")
     assert (status, body["code"]) == (408, "request-timeout")
-    with connect(service) as connection:  # the second of a connection, too
+    with service.connect() as connection:  # the second of a connection, too
         connection.sendall(b"GET /version-info HTTP/1.1\r\n" + HOST + b"\r\n")
         answer = b""
         while not answer.endswith(b"}"):
@@ -108,19 +110,19 @@ def test_a_head_that_does_not_end_is_given_up(start: StartService) -> None:
         assert answer.startswith(b"HTTP/1.1 200")
         connection.sendall(b"GET /version-info")
         assert rest(connection).startswith(b"HTTP/1.1 408")
-    with connect(service) as connection:  # and one that says nothing is closed
+    with service.connect() as connection:  # and one that says nothing is closed
         assert rest(connection) == b""
 
 
 def test_an_answer_may_take_longer_than_a_head(start: StartService) -> None:
-    service = start(head_timeout_s=1.0)
+    service = start(head_timeout_s=0.3)
     service.with_robot()
     service.observe("ok(scan)")
-    assert service.diagnosis(wait_s=2.0, after=1)["revision"] == 1
+    assert service.diagnosis(wait_s=0.7, after=1)["revision"] == 1
     with service.http.stream("GET", "/api/v1/events") as stream:
         lines = stream.iter_lines()
         next(lines)
-        assert service.diagnosis(wait_s=1.5, after=1)["revision"] == 1
+        assert service.diagnosis(wait_s=0.7, after=1)["revision"] == 1
         service.observe("not ok(scan)")
         assert any(line.startswith("event:") for line in lines)
 
@@ -128,7 +130,7 @@ def test_an_answer_may_take_longer_than_a_head(start: StartService) -> None:
 def test_pipelined_requests_are_answered_in_order(service: Service) -> None:
     one = b"GET /api/v1/robots HTTP/1.1\r\n" + HOST + b"\r\n"
     last = b"GET /version-info HTTP/1.1\r\n" + HOST + b"Connection: close\r\n\r\n"
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(one * 300 + last)
         found = rest(connection)
     assert found.count(b"HTTP/1.1 200") == 301
@@ -145,7 +147,7 @@ BROKEN_BODY = b"PUT /api/v1/robots/r9 HTTP/1.1\r\n" + HOST + b"Transfer-Encoding
 def test_what_is_refused_takes_no_whole_request_before_it_along(
     service: Service, whole: bytes, behind: bytes
 ) -> None:
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(whole + behind)
         found = rest(connection)
     taken = found.count(b"HTTP/1.1 200") + found.count(b"HTTP/1.1 202")  # a stop may not be on disk yet
@@ -163,7 +165,7 @@ def test_the_answer_to_a_body_that_is_too_large_can_be_read(start: StartService)
         body = b"a" * 10_000_000
         if b"chunked" in framing:
             body = b"".join(b"2710\r\n" + b"a" * 10_000 + b"\r\n" for _ in range(1000)) + b"0\r\n\r\n"
-        with connect(service) as connection:
+        with service.connect() as connection:
             connection.sendall(head + HOST + b"Content-Type: application/json\r\n" + framing + b"\r\n\r\n")
             connection.sendall(body)
             found = b"".join(iter(lambda: connection.recv(65536), b""))  # a reset would raise
@@ -180,7 +182,7 @@ def test_the_answer_to_a_body_that_is_too_large_can_be_read(start: StartService)
     ids=["HTTP/1.0", "an empty line before it"],
 )
 def test_what_the_standard_allows_is_answered(service: Service, wire: bytes) -> None:
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(wire)
         assert rest(connection).startswith(b"HTTP/1.1 200")
 
@@ -190,7 +192,7 @@ def test_trailers_are_bounded_and_end_with_their_answer(service: Service, before
     """Without a key: the answer comes before the trailers do."""
     head = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n"
     trailer = b"X-Filler: " + b"a" * 1000 + b"\r\n"
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(head + before + b"0\r\n")
         sent = 0
         with contextlib.suppress(OSError):
@@ -205,18 +207,14 @@ def test_what_a_body_brings_besides_itself_is_bounded(service: Service) -> None:
     service.with_robot("r1")
     head = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
     head += b"Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(head + b"2;" + b"a=b;" * 30_000)
         assert rest(connection).startswith(b"HTTP/1.1 431")
 
 
-def test_a_body_that_goes_on_after_its_answer_ends_with_its_time(
-    service: Service, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(protocol, "REST_S", 0.2)
-    monkeypatch.setattr(protocol, "LINGER_S", 0.2)
+def test_a_body_that_goes_on_after_its_answer_ends_with_its_time(service: Service) -> None:
     head = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Content-Length: 1000\r\n\r\n"
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(head)
         assert connection.recv(65536).startswith(b"HTTP/1.1 404")
         with contextlib.suppress(OSError):
@@ -230,7 +228,7 @@ def test_a_body_that_drips_is_given_up(start: StartService) -> None:
     service.with_robot("r1")
     head = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
     head += b"Content-Type: application/json\r\nContent-Length: 1000\r\n\r\n"
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(head)
         found = b""
         while not found:
@@ -264,7 +262,7 @@ def test_of_requests_in_a_row_one_is_taken_up_at_a_time(
 
     monkeypatch.setattr(edge.Edge, "__call__", counted)
     one = b"GET /version-info HTTP/1.1\r\n" + HOST
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall((one + b"\r\n") * 1000 + one + b"Connection: close\r\n\r\n")
         assert rest(connection).count(b"HTTP/1.1 200") == 1001
     assert begun == ["begins", "ends"] * 1001
@@ -275,7 +273,7 @@ UPGRADE = b"Connection: Upgrade, keep-alive\r\nUpgrade: websocket\r\nSec-WebSock
 
 @pytest.mark.parametrize("kind", [UPGRADE, UPGRADE.replace(b"websocket", b"h2c")], ids=["websocket", "h2c"])
 def test_an_upgrade_is_a_plain_request_and_what_follows_it_is_answered(service: Service, kind: bytes) -> None:
-    with connect(service) as connection:
+    with service.connect() as connection:
         first = b"GET /version-info HTTP/1.1\r\n" + HOST + kind + b"\r\n"
         connection.sendall(
             first + STOP.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n") + b'{"reason":"u"}'
@@ -290,7 +288,7 @@ def test_an_upgrade_is_a_plain_request_and_what_follows_it_is_answered(service: 
 def test_more_headers_than_anybody_needs_are_a_431(service: Service, path: bytes) -> None:
     line = b"GET " + path + b" HTTP/1.1\r\n" + HOST
     few, many = (b"a:b\r\n" * count for count in (HEADERS // 2, HEADERS))
-    with connect(service) as connection:
+    with service.connect() as connection:
         connection.sendall(line + few + b"Connection: close\r\n\r\n")
         assert rest(connection).startswith(b"HTTP/1.1 200")
     status, body = ask(service, line + many + b"\r\n")
@@ -302,7 +300,7 @@ def test_an_answer_that_comes_after_the_end_is_no_fault_of_ours(
 ) -> None:
     """Whoever floods must not fill the log with tracebacks besides."""
     with capture_logs() as told:
-        with connect(service) as connection:
+        with service.connect() as connection:
             line = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n0\r\n"
             connection.sendall(line + b"a: b\r\n" * 40_000)  # trailers; what is asked for is answered later
             assert rest(connection).startswith(b"HTTP/1.1 4")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from http.cookies import Morsel, SimpleCookie
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from tests.api.conftest import Service, StartService, sign_in
+from tests.api.conftest import Service, StartService, running, sign_in
 
 from robomend.api.gate import PLAIN, SECURE
 from robomend.security import digest, new_key
+from robomend.settings import Settings
 from robomend.store import Transaction, api_keys
 
 
@@ -44,10 +46,12 @@ class Browser:
         return self.ask("DELETE", "/stop", at=where, Origin=where.url)
 
 
-@pytest.fixture
-def keyed(start: StartService) -> tuple[Service, str]:
-    service = start()
-    return service, service.key("operator")
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, str]]:
+    """A service and the key of an operator; each test signs in anew."""
+    data = tmp_path_factory.mktemp("keyed")
+    with running(Settings(port=0, data=data, sign_ins_per_minute=1e6)) as service:
+        yield service, service.key("operator")
 
 
 def test_a_cookie_opens_what_its_key_opens(keyed: tuple[Service, str]) -> None:
@@ -160,7 +164,9 @@ def test_a_cookie_ends_when_its_time_is_over(keyed: tuple[Service, str]) -> None
     assert browser.ask("GET", "/robots").status_code == 401
 
 
-def test_a_stream_ends_with_its_cookie(start: StartService) -> None:
+def test_a_stream_ends_with_its_cookie(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.api.gate.FRESH_S", 0.1)
+    monkeypatch.setattr("robomend.api.streams.STILL_S", 0.1)
     service = start(ping_s=0.1)
     browser = Browser(service, service.key("viewer"))
     head = {"Cookie": browser.cookie, "Sec-Fetch-Site": "same-origin"}
@@ -219,10 +225,10 @@ def test_the_oldest_of_too_many_sign_ins_ends(keyed: tuple[Service, str]) -> Non
 
 
 def test_only_the_hash_of_a_cookie_is_stored_and_the_audit_log_tells(
-    keyed: tuple[Service, str], tmp_path: Path
+    start: StartService, tmp_path: Path
 ) -> None:
-    service, key = keyed
-    browser = Browser(service, key)
+    service = start()
+    browser = Browser(service, service.key("operator"))
     browser.ask("DELETE", "/session", Origin=service.url)
     head = {"Authorization": f"Bearer {service.key('admin')}"}
     entries: list[dict[str, Any]] = service.api("GET", "/audit", headers=head).json()["items"]

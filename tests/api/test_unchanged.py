@@ -38,14 +38,13 @@ def is_diagnosed(service: Service, revision: int) -> bool:
     return latest is not None and latest.revision == revision
 
 
-def stored(service: Service) -> StoredObs:
+def stored(service: Service, robot: str) -> StoredObs:
     """Return OBS as it is on the disk."""
-    found: StoredObs = service.run(service.runtime.store.read(observations.obs, "r1"))
+    found: StoredObs = service.run(service.runtime.store.read(observations.obs, robot))
     return found
 
 
-@pytest.mark.parametrize("lifetime", [{}, {"lifetime_s": 5}])
-@pytest.mark.parametrize("dated", [True, False])
+@pytest.mark.parametrize(("lifetime", "dated"), [({}, False), ({"lifetime_s": 5}, True)])
 def test_it_adds_no_row(start: StartService, lifetime: dict[str, Any], dated: bool) -> None:
     service = start()
     service.with_robot()
@@ -67,58 +66,62 @@ def test_it_adds_no_row(start: StartService, lifetime: dict[str, Any], dated: bo
     assert say(30) == (1, [])
 
 
-def test_its_lifetime_is_on_the_disk_all_the_same(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    service.observe("ok(scan)", lifetime_s=50)
-    [before] = stored(service).entries
-    assert service.observe("ok(scan)", lifetime_s=500).json() == {"revision": 1, "changed": [], "refused": []}
-    [after] = stored(service).entries
+def test_its_lifetime_is_on_the_disk_all_the_same(service: Service) -> None:
+    service.with_robot("lasting")
+    service.observe("ok(scan)", robot="lasting", lifetime_s=50)
+    [before] = stored(service, "lasting").entries
+    assert service.observe("ok(scan)", robot="lasting", lifetime_s=500).json() == {
+        "revision": 1,
+        "changed": [],
+        "refused": [],
+    }
+    [after] = stored(service, "lasting").entries
     assert before.expires_ns is not None
     assert after.expires_ns is not None
     assert after.expires_ns > before.expires_ns + 400 * 10**9
     assert after.since_ns != before.since_ns
 
 
-def test_it_is_evidence_in_the_history_while_a_repair_is_open(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    assert service.observe("not ok(scan)").json()["revision"] == 1
-    assert service.observe("not ok(scan)").json()["revision"] == 1
+def test_it_is_evidence_in_the_history_while_a_repair_is_open(service: Service) -> None:
+    service.with_robot("open")
+    assert service.observe("not ok(scan)", robot="open").json()["revision"] == 1
+    assert service.observe("not ok(scan)", robot="open").json()["revision"] == 1
 
     def begin(tx: Transaction) -> str:
-        return repairs.create(tx, "r1", state="planning", data={}).id
+        return repairs.create(tx, "open", state="planning", data={}).id
 
-    service.run(service.runtime.store.write(begin, robots=("r1",)))
-    assert [service.observe("not ok(scan)").json()["revision"] for _ in range(2)] == [2, 3]
-    kept = service.run(service.runtime.store.read(observations.history, "r1")).items
+    service.run(service.runtime.store.write(begin, robots=("open",)))
+    assert [service.observe("not ok(scan)", robot="open").json()["revision"] for _ in range(2)] == [2, 3]
+    kept = service.run(service.runtime.store.read(observations.history, "open")).items
     assert [batch.revision for batch in kept] == [3, 2, 1]
 
 
-def test_who_reports_it_first_is_told_even_so(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    service.observe("ok(scan)", source="one")
-    assert [service.observe("ok(scan)", source="two").json()["revision"] for _ in range(3)] == [2, 2, 2]
-    told = service.api("GET", "/audit", params={"action": "observations.report"}).json()["items"]
+def test_who_reports_it_first_is_told_even_so(service: Service) -> None:
+    service.with_robot("first")
+    service.observe("ok(scan)", robot="first", source="one")
+    assert [
+        service.observe("ok(scan)", robot="first", source="two").json()["revision"] for _ in range(3)
+    ] == [2, 2, 2]
+    told = service.api("GET", "/audit", params={"robot": "first", "action": "observations.report"}).json()[
+        "items"
+    ]
     assert [entry["subject"] for entry in told] == ["two", "one"]
 
 
-def test_a_repeated_request_of_an_undated_batch_undoes_nothing(start: StartService) -> None:
-    service = start()
-    service.with_robot()
-    service.observe("ok(scan)")
+def test_a_repeated_request_of_an_undated_batch_undoes_nothing(service: Service) -> None:
+    service.with_robot("again")
+    service.observe("ok(scan)", robot="again")
     key = {"Idempotency-Key": "k"}
 
     def post() -> Any:
         body = {"observations": ["ok(scan)"]}
-        return service.api("POST", "/robots/r1/observations", json=body, headers=key).json()
+        return service.api("POST", "/robots/again/observations", json=body, headers=key).json()
 
     first = post()
     assert (first["revision"], first["changed"]) == (1, [])
-    assert service.observe("not ok(scan)").json()["revision"] == 2
+    assert service.observe("not ok(scan)", robot="again").json()["revision"] == 2
     assert post() == first
-    assert [str(entry.literal) for entry in stored(service).entries] == ["not ok(scan)"]
+    assert [str(entry.literal) for entry in stored(service, "again").entries] == ["not ok(scan)"]
 
 
 def test_what_another_instance_heard_meanwhile_makes_it_news(start: StartService) -> None:

@@ -108,7 +108,7 @@ def ended(service: Service) -> list[dict[str, Any]]:
     return [one for one in found if one["finished_ns"] is not None]
 
 
-@pytest.mark.parametrize("lifetime_s", PERIOD_OF)
+@pytest.mark.parametrize("lifetime_s", [0.5, pytest.param(2.0, marks=pytest.mark.long)])
 def test_what_was_last_said_to_be_bad_is_never_repaired_nor_healthy(
     tmp_path: Path, lifetime_s: float
 ) -> None:

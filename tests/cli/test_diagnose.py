@@ -1,12 +1,9 @@
-"""`robomend diagnose`: several snapshots of one robot, what was learned, and bounds."""
+"""`robomend diagnose`: its answer as JSON and in words, what is refused, several snapshots of a robot."""
 
 from __future__ import annotations
 
 import gzip
-import io
 import json
-import re
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +13,8 @@ from robomend.cli.commands import run
 from robomend.resources import resource
 
 TEDUSAR = str(resource("examples", "tedusar.yaml"))
+MANIPULATOR = str(resource("examples", "mobile_manipulator.yaml"))
 Capture = pytest.CaptureFixture[str]
-
-ROOT = Path(__file__).parents[2]
-EXAMPLES = re.findall(
-    r"^```console\n\$ (.*)\n([^`]*)^```", (ROOT / "docs" / "diagnosis.md").read_text(), re.MULTILINE
-)
 
 TWO_INVERTERS = """\
 c mutated gates: 3
@@ -46,6 +39,133 @@ def answer(capsys: Capture, *arguments: str) -> dict[str, Any]:
 
 def bad(found: dict[str, Any]) -> list[list[str]]:
     return [diagnosis["bad"] for diagnosis in found["diagnoses"]]
+
+
+def lines(capsys: Capture, *arguments: str) -> list[str]:
+    """Return what the command shows."""
+    assert run(["diagnose", *arguments]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_a_healthy_robot_is_no_fault_and_another_exits_with_1(capsys: Capture) -> None:
+    found = answer(capsys, TEDUSAR, "--observe", "ok(scan) and ok(odom)", "--fail-on-fault")
+    assert bad(found) == [[]]
+    assert lines(capsys, TEDUSAR)[0] == "healthy, for all we know: nothing was observed"
+    assert run(["diagnose", TEDUSAR, "-o", "not ok(scan)", "--fail-on-fault"]) == 1
+    assert "hokuyo_node" in capsys.readouterr().out
+
+
+def test_what_if(capsys: Capture) -> None:
+    assert bad(answer(capsys, TEDUSAR, "-o", "not ok(scan)", "--assume-healthy", "hokuyo")) == [
+        ["hokuyo_node"]
+    ]
+    assert bad(answer(capsys, TEDUSAR, "-o", "not ok(scan)", "--assume-abnormal", "/hokuyo")) == [["hokuyo"]]
+    assert bad(answer(capsys, TEDUSAR, "-o", "not running(rviz)", "--expect-stopped", "rviz")) == [[]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-o", "not ok(scam)"], "did you mean scan"),
+        (["-o", "ok(scan"], "position 7"),
+        (["--timeout", "-1"], "--timeout"),
+        (["--observations", "-", "-o", "ok(scan)"], "either"),
+        (["--assume-abnormal", "rviz", "--assume-healthy", "rviz"], "rviz"),
+        (["--assume-healthy", "rvis"], "did you mean 'rviz'"),
+    ],
+)
+def test_wrong_observations_and_options_exit_with_2(arguments: list[str], said: str, capsys: Capture) -> None:
+    assert run(["diagnose", TEDUSAR, *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_contradiction_names_the_rule(tmp_path: Path, capsys: Capture) -> None:
+    model = tmp_path / "robot.yaml"
+    model.write_text("robomend: 1\nnodes: [a]\nproperties: [p]\nrules: ['ok(p)']\n")
+    assert run(["diagnose", str(model), "-o", "not ok(p)"]) == 2
+    assert "whatever is abnormal" in capsys.readouterr().err
+
+
+def test_a_file_of_sets_is_answered_line_by_line(tmp_path: Path, capsys: Capture) -> None:
+    sets = tmp_path / "sets.jsonl"
+    sets.write_text('["not ok(scan)"]\n\n["ok(scan)"]\nnot ok(odom), running(rviz)\n["not ok(scan)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets)]) == 0
+    found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [[d["bad"] for d in one["diagnoses"]] for one in found] == [
+        [["hokuyo"], ["hokuyo_node"]],
+        [[]],
+        [["jaguar"], ["jaguar_node"]],
+        [["hokuyo"], ["hokuyo_node"]],
+    ]
+    assert {**found[3], "elapsed_s": 0} == {**found[0], "elapsed_s": 0}
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 1
+    sets.write_text('["not ok(scan)"]\n["ok(scan)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 1
+    sets.write_text('["ok(scan)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 0
+
+
+def test_a_line_that_is_refused_keeps_its_place(tmp_path: Path, capsys: Capture) -> None:
+    sets = tmp_path / "sets.jsonl"
+    sets.write_text('["ok(scan)"]\n["ok(scam)"]\n["ok(scan)", 3]\n[ok(scan)]\n["ok(map)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets)]) == 2
+    captured = capsys.readouterr()
+    found = [json.loads(line) for line in captured.out.splitlines()]
+    assert [one.get("error", {}).get("code") for one in found] == [None, *["bad-observation"] * 3, None]
+    assert "refused 3 of 5 sets" in captured.err
+
+
+# --- as a person reads it
+
+
+def test_many_alike_are_counted_and_the_next_step_is_said(capsys: Capture) -> None:
+    shown = lines(capsys, MANIPULATOR, "-o", "not ok(cmd_vel)")
+    assert shown[0] == "18 diagnoses, any one of which explains what was seen:"
+    assert shown[2:8] == [
+        "   13.2%  head_camera_driver",
+        "    9.8%  head_camera",
+        "    9.8%  localization",
+        "    6.5%  usb_hub",
+        "    6.5%  front_lidar",
+        "  … and 13 more, 54.4% together",
+    ]
+    assert shown[shown.index("look next at") + 1].startswith("  ok(head_depth)  16 of 18 diagnoses left if")
+    assert len(shown) < 25
+
+
+def test_what_is_cut_short_says_by_what_and_how_to_get_more(capsys: Capture) -> None:
+    shown = lines(capsys, TEDUSAR, "-o", "not ok(scan)", "--limit", "1")
+    assert shown[:4] == [
+        "2 diagnoses, any one of which explains what was seen:",
+        "",
+        "  hokuyo",
+        "  … and 1 more",
+    ]
+    assert shown[-1].startswith("incomplete: stopped by limit (see --limit); ")
+    shown = lines(capsys, MANIPULATOR, "-o", "not ok(cmd_vel)", "--timeout", "1e-9")
+    assert shown[0] == "no diagnosis found: the search was stopped by time"
+
+
+def test_without_a_way_to_tell_them_apart_the_reason_is_said(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "twins.yaml").write_text(
+        "robomend: 1\nhardware: {a: {}, b: {}}\nproperties: [p]\n"
+        "rules: ['not ab(a) and not ab(b) -> ok(p)']\n"
+    )
+    shown = lines(capsys, str(tmp_path / "twins.yaml"), "-o", "not ok(p)")
+    assert "nothing to look at: everything that can be observed is observed already" in shown
+
+
+def test_no_line_is_wider_than_a_terminal(tmp_path: Path, capsys: Capture) -> None:
+    names = [f"{'x' * 70}_{number}" for number in range(20)]
+    (tmp_path / "long.yaml").write_text(f"robomend: 1\nnodes: [{', '.join(names)}]\n")
+    down = [word for name in names for word in ("-o", f"not running({name})")]
+    silent = [word for topic in ("cmd_vel", "objects", "joint_states") for word in ("-o", f"not ok({topic})")]
+    for model, seen in ((MANIPULATOR, silent), (str(tmp_path / "long.yaml"), down)):
+        for more in ([], ["--all"]):
+            assert max(map(len, lines(capsys, model, *seen, *more))) <= 80
+
+
+# --- several snapshots, what was learned, and bounds
 
 
 def test_each_observation_says_what_it_taught_and_each_diagnosis_what_it_resolves(capsys: Capture) -> None:
@@ -152,21 +272,6 @@ def test_all_minimal_conflicts_are_told_where_they_are_asked_for(tmp_path: Path,
     (tmp_path / "sets").write_text('["not v(a)"]\n')
     assert run(["diagnose", str(circuit), *sets]) == 2
     assert "all minimal conflicts" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("line", "shown"), EXAMPLES)
-def test_the_examples_in_the_docs_show_what_is_answered(
-    line: str, shown: str, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(ROOT)
-    words = shlex.split(line)
-    if "|" in words:
-        at = words.index("|")
-        monkeypatch.setattr("sys.stdin", io.StringIO(words[1].replace(r"\n", "\n")))
-        words = words[at + 1 :]
-    assert run(words[1:]) == 0
-    told = [said.rstrip() for said in capsys.readouterr().out.rstrip().splitlines()]
-    assert told[:-1] == shown.rstrip().splitlines()[:-1]  # the last line tells the time it took
 
 
 CIRCLE = """

@@ -11,9 +11,7 @@ import click
 import pytest
 from tests.distributions import install
 
-from robomend.cli import commands
 from robomend.cli.commands import OTHERS, cli, run
-from robomend.errors import BoardTimeout
 
 
 def test_version_and_help_load_no_solver_and_no_web_framework() -> None:
@@ -28,14 +26,6 @@ def test_version_and_help_load_no_solver_and_no_web_framework() -> None:
     )
     assert done.stdout.startswith("robomend ")
     assert done.stdout.endswith("\n\n")
-
-
-def test_every_command_of_this_installation_is_a_command() -> None:
-    context = click.Context(cli)
-    for name in cli.list_commands(context):
-        command = cli.get_command(context, name)
-        assert command is not None
-        assert command.get_short_help_str() or command.help
 
 
 def test_a_command_that_is_not_installed_says_so(
@@ -72,19 +62,6 @@ def test_bad_input_exits_with_2_and_one_line(capsys: pytest.CaptureFixture[str])
     assert run(["compile"]) == 2
     assert "error: Missing argument 'MODEL'." in capsys.readouterr().err
     assert run(["nonsense"]) == 2
-
-
-@pytest.mark.parametrize(
-    ("raised", "code"), [(BoardTimeout("silent"), 3), (KeyboardInterrupt(), 130), (click.Abort(), 130)]
-)
-def test_failures_behind_us_and_interrupts_have_their_codes(
-    raised: BaseException, code: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise raised
-
-    monkeypatch.setattr(commands.cli, "main", fail)
-    assert run(["compile"]) == code
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:

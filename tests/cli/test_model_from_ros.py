@@ -43,18 +43,23 @@ def test_the_model_of_a_running_robot(
     assert sorted(load_text(told).cnf.components) == ["laser", "mapper"]
 
 
-def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def recorded(file: Path) -> Path:
+    """Record two topics of one node at 20 Hz, one of them late."""
     store = get_typestore(Stores.ROS1_NOETIC)
     kind = "std_msgs/msg/String"
     message = store.serialize_ros1(store.types[kind](data="x"), kind)
-    with Writer(tmp_path / "run.bag") as bag:
+    with Writer(file) as bag:
         scan = bag.add_connection("/scan", kind, typestore=store, callerid="/hokuyo_node")
         for number in range(101):
             bag.write(scan, number * 50_000_000, message)
         late = bag.add_connection("/late", kind, typestore=store, callerid="/hokuyo_node")
         for number in range(21):
             bag.write(late, 4 * 10**9 + number * 50_000_000, message)
-    assert run(["model", "from-ros", "--bag", str(tmp_path / "run.bag")]) == 0
+    return file
+
+
+def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["model", "from-ros", "--bag", str(recorded(tmp_path / "run.bag"))]) == 0
     told = capsys.readouterr().out
     assert "\n  hokuyo_node:    # listens to nothing" in told
     assert "\n  scan: {rate_hz: 20, tolerance_hz: 2}\n" in told

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.cli.tables import at, printable, show_table
+from robomend.cli.tables import at, show_table
 
 Capture = pytest.CaptureFixture[str]
 
@@ -21,11 +21,6 @@ def test_a_table_wraps_what_does_not_fit_and_loses_nothing(capsys: Capture) -> N
     assert all(len(line) <= 80 and line == line.rstrip() for line in lines)
     assert "".join(lines[1:-1]).count("x") == 200
     assert lines[-1] == "[red]r2[/]  \\x1b[31mred"
-
-
-def test_what_a_terminal_would_obey_is_shown_instead() -> None:
-    assert printable("a\x1b[2Jb\nc\u202e") == "a\\x1b[2Jb\\nc\\u202e"
-    assert printable("günstig → ☃") == "günstig → ☃"
 
 
 def test_a_time_of_today_is_a_clock_and_others_have_their_day() -> None:

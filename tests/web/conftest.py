@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 from tests.api.conftest import Service, running
 from tests.browser import Watched, browser, chromium
 
@@ -23,7 +23,26 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         yield shared
 
 
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service that wants keys, with a robot."""
+    settings = Settings(port=0, data=tmp_path_factory.mktemp("keyed"), sign_ins_per_minute=1e6)
+    with running(settings) as service:
+        service.with_robot("r1")
+        service.key("admin")
+        yield service
+
+
 Look = Callable[..., Watched]
+
+
+def signed_in(visitor: Watched, service: Service, role: str, path: str = "/") -> Page:
+    """Sign in on the way to a page, with a new key."""
+    page = visitor.page(path)
+    page.get_by_label("Your key").fill(service.key(role))
+    page.get_by_role("button", name="Sign in").click()
+    page.wait_for_selector('#live[data-state="live"]')
+    return page
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """The page's figures, measured in a real Chromium: `python -m tests.web.figures`. See docs/page.md.
 
 The service is a process of its own, as `robomend serve` starts it, with default options. All of it takes some
-five minutes; `--only` picks parts: rendering, first, pixel, live, graph, fleet, pages.
+five minutes; `--only` picks parts: first, pixel, live, graph, fleet.
 """
 
 from __future__ import annotations
@@ -26,22 +26,13 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from tests import packages
 from tests.browser import FLAGS
 
-from robomend.model.loading import load_text
 from robomend.resources import resource
-from robomend.robots.health import HealthState
-from robomend.web import graph
-from robomend.web.fleet import WAITING, FleetPage, Line
-from robomend.web.rendering import MOST_ROWS, ROWS, render
-from robomend.web.suspicion import Suspicion
 
 ROBOTS = 2000
 COMPONENTS = 40
 EVENTS = 25
 WATCHED_S = 20.0
-PAGES = 50
 LIVE = '#live[data-state="live"]'
-
-TICK = os.sysconf("SC_CLK_TCK")
 
 
 def chain(components: int) -> str:
@@ -58,30 +49,16 @@ def chain(components: int) -> str:
 
 
 @contextmanager
-def served() -> Iterator[tuple[str, int]]:
-    """`robomend serve` in a process of its own: its address and process id."""
+def served() -> Iterator[str]:
+    """`robomend serve` in a process of its own: its address."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "robomend", "serve", "--port", "0", "--data", folder, "--announce"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
             try:
                 assert process.stdout is not None
-                yield str(json.loads(process.stdout.readline())["url"]), process.pid
+                yield str(json.loads(process.stdout.readline())["url"])
             finally:
                 process.terminate()
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time of a process and its children so far, in seconds."""
-    total = 0.0
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(entry.name) == pid or int(fields[1]) == pid:
-                total += (int(fields[11]) + int(fields[12])) / TICK
-    return total
 
 
 def first_load(browser: Browser, url: str) -> dict[str, float]:
@@ -182,54 +159,7 @@ def live_bytes(browser: Browser, url: str, api: httpx.Client) -> float:
     return sum(counted) / WATCHED_S
 
 
-def idle_pages(url: str, pid: int) -> tuple[float, float]:
-    """Return what the service takes of a core without open pages and with many, while nothing changes."""
-
-    def share() -> float:
-        before = processor_s(pid)
-        time.sleep(WATCHED_S)  # what is measured is that nothing happens
-        return (processor_s(pid) - before) / WATCHED_S
-
-    alone = share()
-    limits = httpx.Limits(max_connections=None)
-    with httpx.Client(timeout=None, limits=limits) as client:
-        asked = f"{url}/api/v1/events?brief=true&kind=diagnosis&kind=repair&kind=robot&kind=board&kind=stop"
-        streams = [client.send(client.build_request("GET", asked), stream=True) for _ in range(PAGES)]
-        together = share()
-        for stream in streams:
-            stream.close()
-    return alone, together
-
-
-def graph_s() -> tuple[float, int]:
-    """Return the processor time of laying out and drawing a graph of 300 components, and its bytes."""
-    model = load_text(chain(300), name="chain").parts
-    assert model is not None
-    times = []
-    for _ in range(5):
-        began = time.process_time()
-        drawn = graph.svg(graph.layout(model), {name: Suspicion("good") for name in model.components}, {}, {})
-        times.append(time.process_time() - began)
-    return statistics.median(times), len(drawn)
-
-
-def rendering_s(rows: int) -> float:
-    """Return the processor time that the list of robots takes to render."""
-    finding = ("hokuyo", 1, "approval of a plan of 2 actions", True, time.time_ns())
-    lines = [Line(f"robot-{n}", "tedusar", "approve", HealthState.UNHEALTHY, *finding) for n in range(rows)]
-    found = FleetPage(
-        lines, rows, rows, {**dict.fromkeys(map(str, HealthState), 0), WAITING: rows}, 1, 1, True
-    )
-    around = {"may_act": True, "stop": {"active": False}, "now_ms": 1, "to": "/", "fragment": True}
-    times = []
-    for _ in range(10):
-        began = time.process_time()
-        render("fleet.html", found=found, q="", state="", rows=rows, wanted=("stop", "fleet"), **around)
-        times.append(time.process_time() - began)
-    return statistics.median(times)
-
-
-PARTS = ("rendering", "first", "pixel", "live", "graph", "fleet", "pages")
+PARTS = ("first", "pixel", "live", "graph", "fleet")
 
 
 def main() -> None:
@@ -239,13 +169,8 @@ def main() -> None:
     wanted = set(parser.parse_args().only.split(","))
     if wanted - set(PARTS):
         parser.error(f"there are {', '.join(PARTS)}")
-    if "rendering" in wanted:
-        for rows in (ROWS, MOST_ROWS):
-            print(f"{rows} rows are rendered in {rendering_s(rows) * 1000:.0f} ms of processor time")
-        took, size = graph_s()
-        print(f"graph of 300 components: {took * 1000:.0f} ms of processor time, {size / 1000:.0f} kB of SVG")
     print(f"load {os.getloadavg()[0]:.1f}", flush=True)
-    with served() as (url, pid), sync_playwright() as playwright:
+    with served() as url, sync_playwright() as playwright:
         flags = [flag for flag in FLAGS if not flag.startswith(("--remote", "--headless"))]
         flags.append("--enable-precise-memory-info")
         browser = playwright.chromium.launch(executable_path=packages.chromium(), args=flags)
@@ -257,12 +182,12 @@ def main() -> None:
             api.put("/robots/r1", json={"model": "tedusar", "policy": "observe"})
             observe(api, "r1", "on(jaguar)", "ok(scan)")
             observe(api, "large", "not ok(fine7)")
-            in_browser(browser, url, api, pid, wanted)
+            in_browser(browser, url, api, wanted)
         browser.close()
     print(f"load {os.getloadavg()[0]:.1f}")
 
 
-def in_browser(browser: Browser, url: str, api: httpx.Client, pid: int, wanted: set[str]) -> None:
+def in_browser(browser: Browser, url: str, api: httpx.Client, wanted: set[str]) -> None:
     """Measure what takes a browser."""
     if "first" in wanted:
         tell("/ with 3 robots", first_load(browser, url))
@@ -279,14 +204,8 @@ def in_browser(browser: Browser, url: str, api: httpx.Client, pid: int, wanted: 
             tell(f"a robot, 300 components{again}", first_load(browser, f"{url}/ui/robots/large"))
     if "fleet" in wanted:
         fill(url)
-        for rows in (ROWS, MOST_ROWS):
-            for again in ("", ", again"):
-                tell(
-                    f"/ with {ROBOTS} robots, {rows} rows{again}", first_load(browser, f"{url}/?rows={rows}")
-                )
-    if "pages" in wanted:
-        alone, together = idle_pages(url, pid)
-        print(f"processor, nothing changes: {alone:.1%} of a core alone, {together:.1%} with {PAGES} pages")
+        for again in ("", ", again"):
+            tell(f"/ with {ROBOTS} robots{again}", first_load(browser, url))
 
 
 def fill(url: str) -> None:

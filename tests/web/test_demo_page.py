@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, expect
-from tests.browser import PATIENCE_MS, Watched, keep
+from tests.browser import Watched, keep
 from tests.forked import popen
 from tests.robomend_demo.playing import playing
 from tests.web.test_fleet import LIVE
-
-expect.set_options(timeout=PATIENCE_MS)
 
 NO_DESKTOP = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
 

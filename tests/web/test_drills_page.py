@@ -6,30 +6,9 @@ import re
 
 from playwright.sync_api import expect
 from tests.api.conftest import Service
-from tests.browser import PATIENCE_MS, keep
+from tests.browser import keep
 from tests.web.conftest import Look
 from tests.web.test_fleet import live, serious
-
-expect.set_options(timeout=PATIENCE_MS)
-
-
-def test_a_robots_drills_are_listed_with_their_state(service: Service, look: Look) -> None:
-    service.with_robot("drilled", observed=["running(hokuyo_node)", "ok(scan)"])
-    page = live(look(service), "/ui/robots/drilled")
-    page.get_by_role("link", name="Drills").click()
-    expect(page.get_by_text("No drill was held on this robot.")).to_be_visible()
-    expect(page.get_by_text("Nothing is planted now: the robot is ")).to_be_visible()
-    assert page.get_by_text("Plant …").count() == 0
-    service.observe("running(hokuyo_node)", "ok(scan)", robot="drilled")
-    service.diagnosis("drilled", wait_s=30, after=0)
-    body = {"fault": "node-killed", "component": "hokuyo_node", "reason": "<b>x</b>"}
-    answer = service.api("POST", "/robots/drilled/drills", json=body)
-    assert answer.status_code == 202, answer.text
-    row = page.get_by_role("row").filter(has_text="Kill the process of hokuyo_node").last
-    expect(row).to_contain_text("hokuyo_node")
-    expect(row).to_contain_text("local")
-    assert serious(page) == []
-    keep(page, "drills")
 
 
 def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Service, look: Look) -> None:
@@ -37,6 +16,7 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     service.observe("running(hokuyo_node)", "ok(scan)", robot="pulled")
     service.diagnosis("pulled", wait_s=30, after=0)
     page = live(look(service, viewport={"width": 1440, "height": 900}), "/ui/robots/pulled/drills")
+    expect(page.get_by_text("No drill was held on this robot.")).to_be_visible()
     row = page.get_by_role("row").filter(has_text="Pull the data cable of hokuyo").first
     expect(row).to_contain_text("scan not ok")
     expect(row).to_contain_text("one of several")
@@ -45,10 +25,11 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     keep(page, "plantable")
     assert serious(page) == []
     row.get_by_text("Plant …").click()
-    row.get_by_label("Why").fill("to see it")
+    row.get_by_label("Why").fill("<b>to see it</b>")
     row.get_by_role("button").click()
     held = page.locator('[data-part="drills"] tbody tr')
     expect(held).to_contain_text("Pull the data cable of hokuyo")
+    expect(held).to_contain_text("local")
     expect(page.get_by_text("Nothing is planted now: a drill is under way.")).to_be_visible()
     held.get_by_role("button", name="Done").click()
     expect(held.locator("b")).to_have_text("planted")
@@ -60,7 +41,7 @@ def test_a_fault_is_chosen_planted_answered_and_undone_on_the_page(service: Serv
     expect(held.locator("b")).to_have_text("cancelled")
     expect(row).to_contain_text("not watched to its end")
     audit = service.api("GET", "/audit", params={"robot": "pulled"}).json()["items"]
-    assert [one["reason"] for one in audit if one["action"] == "drill.create"] == ["to see it"]
+    assert [one["reason"] for one in audit if one["action"] == "drill.create"] == ["<b>to see it</b>"]
     assert {"drill.cancel", "drill.done"} <= {one["action"] for one in audit}
 
 

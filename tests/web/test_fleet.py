@@ -9,13 +9,11 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]  # it has no types
 from playwright.sync_api import Page, expect
 from tests.api.conftest import Service, running
-from tests.browser import PATIENCE_MS, Watched, keep
+from tests.browser import Watched, keep
 from tests.web.cable import cable
 from tests.web.conftest import Look
 
 from robomend.settings import Settings
-
-expect.set_options(timeout=PATIENCE_MS)
 
 LIVE = '#live[data-state="live"]'
 
@@ -122,21 +120,6 @@ def test_without_scripts_the_list_is_there_and_the_stop_works(seen: Service, loo
     expect(page.locator(".stopped")).to_be_visible()
     page.get_by_role("button", name="Lift the stop").click()
     expect(page.get_by_role("button", name="Stop all repairs")).to_be_visible()
-
-
-def test_everything_is_reached_with_the_keyboard(seen: Service, look: Look) -> None:
-    page = live(look(seen))
-    page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
-    reached = set()
-    for _ in range(40):
-        page.keyboard.press("Tab")
-        reached.add(page.evaluate("document.activeElement.textContent.trim()"))
-    assert {"Stop all repairs", "Search", "broken", "never-reported"} <= reached
-    while page.evaluate("document.activeElement.matches('input, select')"):  # where / is a letter
-        page.keyboard.press("Tab")
-    page.keyboard.press("/")
-    assert page.evaluate("document.activeElement.name") == "q"
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.resources import resource
@@ -50,17 +48,6 @@ def test_a_model_without_nodes_has_a_graph() -> None:
     parts = model("hardware:\n  psu: {}\n  lamp: {fed_by: [psu]}\n")
     drawn = layout(parts)
     assert drawn.places[Thing("hardware", "psu")][0] < drawn.places[Thing("hardware", "lamp")][0]
-
-
-def test_what_is_drawn_is_well_formed_and_says_how_each_is() -> None:
-    parts = model(
-        'hardware:\n  "<a & b>": {channel: 1}\nnodes:\n  n: {drives: ["<a & b>"], publishes: {t: []}}\n'
-    )
-    found = {"<a & b>": Suspicion("suspect", 0.25), "n": Suspicion("good")}
-    text = svg(layout(parts), found, {"t": False}, {"<a & b>": "#why-0"})
-    titles = [each.text for each in ElementTree.fromstring(text).iter("title")]
-    assert titles == ["hardware <a & b>: suspect, 25% of the suspicion", "node n: good", "topic t: silent"]
-    assert 'href="#why-0"' in text
 
 
 def test_the_way_from_a_cause_to_its_symptoms_is_marked_and_nothing_else() -> None:

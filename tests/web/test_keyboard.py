@@ -11,13 +11,10 @@ from itertools import pairwise
 import pytest
 from playwright.sync_api import Page, expect
 from tests.api.conftest import Service, running
-from tests.browser import PATIENCE_MS
-from tests.web.conftest import Look
+from tests.web.conftest import Look, signed_in
 from tests.web.test_fleet import LIVE
 
 from robomend.settings import Settings
-
-expect.set_options(timeout=PATIENCE_MS)
 
 STOPS = 120
 """Presses of Tab until something must have been reached."""
@@ -135,10 +132,9 @@ def test_an_operator_needs_no_mouse(keyed: Service, look: Look) -> None:
 
 
 def test_the_focus_goes_through_the_page_as_one_reads(keyed: Service, look: Look) -> None:
-    page = look(keyed, viewport={"width": 1280, "height": 800}).page("/ui/sign-in?to=/ui/robots/other")
-    page.get_by_label("Your key").fill(keyed.key("operator"))
-    page.keyboard.press("Enter")
-    page.wait_for_selector(LIVE)
+    page = signed_in(
+        look(keyed, viewport={"width": 1280, "height": 800}), keyed, "operator", "/ui/robots/other"
+    )
     places = []
     for _ in range(STOPS):
         page.keyboard.press("Tab")
@@ -151,6 +147,7 @@ def test_the_focus_goes_through_the_page_as_one_reads(keyed: Service, look: Look
     content = [place for place in places if place[1] != "Skip to the content"]
     # Things of one line differ by some pixels, and columns stand beside each other.
     late = [(a, b) for a, b in pairwise(content) if b[0] < a[0] - 300]
+    assert places[0][1] == "Skip to the content"
     assert len(content) > 20
     assert late == []
 
@@ -167,10 +164,7 @@ def test_whoever_is_about_to_say_no_does_not_say_yes_because_the_page_changed(
     asked = {"model": "tedusar", "policy": "observe"}
     keyed.api("PUT", "/robots/asked", json=asked, headers=admin).raise_for_status()
     observe("not ok(map)")
-    page = look(keyed).page("/ui/sign-in?to=/ui/robots/asked")
-    page.get_by_label("Your key").fill(keyed.key("operator"))
-    page.keyboard.press("Enter")
-    page.wait_for_selector(LIVE)
+    page = signed_in(look(keyed), keyed, "operator", "/ui/robots/asked")
     button = page.get_by_role("button", name="No: is scan as it should be?")
     button.focus()
     old = button.element_handle()
@@ -182,10 +176,7 @@ def test_whoever_is_about_to_say_no_does_not_say_yes_because_the_page_changed(
 
 
 def test_what_escape_closes_may_be_within_what_stays_open(keyed: Service, look: Look) -> None:
-    page = look(keyed).page("/ui/sign-in?to=/ui/robots/walker")
-    page.get_by_label("Your key").fill(keyed.key("operator"))
-    page.keyboard.press("Enter")
-    page.wait_for_selector(LIVE)
+    page = signed_in(look(keyed), keyed, "operator", "/ui/robots/walker")
     page.get_by_label("Seen by you, just now").fill("not ok(sca)")
     page.keyboard.press("Enter")
     expect(page.locator("#said")).to_contain_text("scan")

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import FloatRect, Locator, expect
 from tests.api.conftest import TEDUSAR, Service, running
-from tests.browser import PATIENCE_MS
 from tests.robomend_board.processes import running as board_running
 from tests.waiting import until
 from tests.web.conftest import Look
@@ -17,8 +16,6 @@ from tests.web.test_fleet import live
 from tests.web.test_robot import HEBREW, ODD
 
 from robomend.settings import Settings
-
-expect.set_options(timeout=PATIENCE_MS)
 
 PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}}
 

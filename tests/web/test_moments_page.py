@@ -8,11 +8,9 @@ import time
 from playwright.sync_api import expect
 from tests.api.conftest import Service
 from tests.api.test_moments import moment, put_piece
-from tests.browser import PATIENCE_MS, keep
+from tests.browser import keep
 from tests.web.conftest import Look
 from tests.web.test_fleet import live, serious
-
-expect.set_options(timeout=PATIENCE_MS)
 
 
 def test_a_moment_comes_onto_the_robots_page_and_leads_to_all_of_it(service: Service, look: Look) -> None:

@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import pytest
-from tests.api.conftest import Service, running, sign_in
+from tests.api.conftest import Service, sign_in
 
 from robomend.api.routers.control import ANSWER_S
 from robomend.api.routers.pages import ours
 from robomend.security import RULES
-from robomend.settings import Settings
 from robomend.store.records import AuditEntry
 from robomend.web.rendering import percent, static_address, static_files
 from robomend.web.words import duration, folded, listed, without
 
 FORM = {"Content-Type": "application/x-www-form-urlencoded"}
-
-
-@pytest.fixture(scope="module")
-def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    settings = Settings(port=0, data=tmp_path_factory.mktemp("keyed"), sign_ins_per_minute=1e6)
-    with running(settings) as service:
-        service.key("admin")
-        yield service
 
 
 def cookie(service: Service, role: str) -> str:
@@ -106,14 +96,6 @@ def test_no_form_is_taken_that_does_not_say_whose_page_it_is_on(service: Service
     for headers, status in (({}, 400), ({"Origin": "https://evil.example"}, 403)):
         answer = service.http.post(asked, content="", headers={**FORM, **headers})
         assert answer.status_code == status
-
-
-def test_a_viewer_may_look_and_not_stop(keyed: Service) -> None:
-    viewer = {"Cookie": cookie(keyed, "viewer"), "Origin": keyed.url, **FORM}
-    assert keyed.http.get("/", headers=viewer).status_code == 200
-    refused = keyed.http.post("/ui/stop", content="", headers=viewer)
-    assert refused.status_code == 403
-    assert "role viewer may not" in refused.text
 
 
 def test_the_page_after_the_form_that_lifts_the_stop_is_without_it(

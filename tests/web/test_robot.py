@@ -10,11 +10,9 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 from tests.api.conftest import Service
-from tests.browser import PATIENCE_MS, Watched, keep
+from tests.browser import Watched, keep
 from tests.web.conftest import Look
 from tests.web.test_fleet import LIVE, live, serious
-
-expect.set_options(timeout=PATIENCE_MS)
 
 LONG = "a" + "b" * 198 + "c"
 MARKUP = "<img src=x onerror=alert(1)>"
@@ -239,20 +237,6 @@ def test_beside_a_number_stands_how_it_went(service: Service, look: Look) -> Non
     expect(steady).to_have_accessible_name(re.compile(rf"24 to 24 {re.escape(MARKUP)}"))
     assert serious(page) == []
     keep(page, "sparklines")
-
-
-def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service, look: Look) -> None:
-    service.with_robot("probed")
-    service.observe("not ok(map)", robot="probed")
-    page = live(look(service), "/ui/robots/probed")
-    page.get_by_role("button", name="Yes: is scan as it should be?").click()
-    expect(page.locator(".diagnoses li")).to_have_count(1)
-    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains map not ok")
-    expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")
-    page.get_by_label("Seen by you, just now").fill("not ok(sca)")
-    page.get_by_role("button", name="Report").click()
-    expect(page.locator("#said")).to_contain_text("scan")
-    assert page.get_by_label("Seen by you, just now").input_value() == "not ok(sca)", "to be mended"
 
 
 def test_a_plan_is_approved_carried_out_and_told_in_words(service: Service, look: Look) -> None:

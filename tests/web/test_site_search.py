@@ -13,23 +13,14 @@ __all__ = ["site"]  # a fixture
 
 
 FOUND = {
-    "wrong node": "troubleshooting",
     "it blames the wrong node": "troubleshooting",
     "lidar no power": "troubleshooting",
-    "approve": "page",
     "approve a repair": "page",
-    "ros 1 topics": "ros",
     "topic rate": "observers",
     "compare with RC2": "compare",
-    "slack notifications": "notifications",
-    "run behind nginx": "deploy/index",
-    "what does settle mean": "glossary",
     "api key": "security",
     "exit code": "commands",
-    "install": "deploy/index",
-    "upgrade": "deploy/index",
     "python client": "python",
-    "backup": "storage",
     "benchmarks": "benchmarks",
 }
 """What is asked, and the page that answers."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import pytest
 from playwright.sync_api import Locator, ViewportSize, expect
 from tests.api.conftest import Service
-from tests.browser import PATIENCE_MS, keep
+from tests.browser import keep
 from tests.waiting import until
 from tests.web.conftest import Look
 from tests.web.test_fleet import live, row
@@ -23,8 +23,6 @@ from robomend.notifications.notices import message, notice_of
 from robomend.resources import resource
 from robomend.store import events
 from robomend_client.events import Event, Kind
-
-expect.set_options(timeout=PATIENCE_MS)
 
 SCREENS: dict[str, ViewportSize] = {
     "desk": {"width": 1440, "height": 900},
@@ -221,16 +219,6 @@ def test_list_and_status_and_robot_say_the_same(six: Service, look: Look) -> Non
         shown = row(page, robot)
         assert re.search(f"({case.what})", shown)
         assert re.search(case.then, shown)
-
-
-def test_by_what_a_function_works_is_told_with_since_when_and_what_was_measured(
-    service: Service, look: Look
-) -> None:
-    dive(service, "diver")
-    medium = rf"search works by fd_spiral_medium since {AT}, as sees_high is not as it should be "
-    medium += r"\(2\.9, at least 3\.25\)"
-    page = live(look(service, viewport=SCREENS["phone"]), "/ui/robots/diver")
-    expect(page.locator("#headline .what")).to_have_text(re.compile(rf"^Healthy since {AT}; {medium}\.$"))
 
 
 @pytest.mark.parametrize("robot", ["asks", "runs", "escalated", "twofold"])

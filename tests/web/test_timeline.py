@@ -51,12 +51,6 @@ def test_a_label_left_of_its_bar_meets_none_before_it() -> None:
     assert [(one.lane, one.label) for one in lanes(bars, 50, 10)] == [(0, "inside"), (0, "left")]
 
 
-def test_actions_one_after_the_other_share_a_lane_if_their_labels_have_room() -> None:
-    bars = [ActionBar(0, 1, "a"), ActionBar(1, 2, "b"), ActionBar(1.5, 3, "c")]
-    assert [(one.lane, one.action.label) for one in lanes(bars, 100, 9)] == [(0, "a"), (0, "b"), (1, "c")]
-    assert [one.lane for one in lanes(bars, 1, 90)] == [0, 1, 2]
-
-
 def test_state_is_told_by_height_as_well_as_by_colour() -> None:
     spans = (Span(0, 1, True), Span(1, 2, True, only_suspect=True), Span(2, 3, False))
     root = drawn(Timeline("t", "s", [("jaguar", spans)], [], [], 3))
@@ -64,11 +58,6 @@ def test_state_is_told_by_height_as_well_as_by_colour() -> None:
     assert [element.get("class") for element in rows] == ["bad", "suspect", "good"]
     assert [float(element.get("height", "0")) for element in rows] == [13, 8, 4]
     assert "suspect" in [element.text for element in root.iter(f"{SVG}text")]
-
-
-def test_a_figure_without_suspects_has_none_in_its_legend() -> None:
-    root = drawn(Timeline("t", "s", [("jaguar", (Span(0, 1, True),))], [], [], 1))
-    assert "suspect" not in [element.text for element in root.iter(f"{SVG}text")]
 
 
 def test_the_legend_says_what_bars_of_actions_are_and_stays_inside() -> None:
@@ -106,10 +95,6 @@ def test_of_a_robot_of_which_nothing_is_known_nothing_is_drawn_as_good() -> None
     drawn_unknown = timeline("r", 0, 3 * NS, found, [], unknown=True)
     assert [(name, [span.state for span in spans]) for name, spans in drawn_unknown.rows] == [("h", ["bad"])]
     assert "not blamed" in written(drawn(drawn_unknown))
-
-
-def test_nothing_that_happened_is_an_empty_figure() -> None:
-    assert classes(drawn(Timeline("t", "", [], [], [], 0))) == []
 
 
 @given(NAMES, st.lists(BARS, max_size=5), st.lists(st.builds(Mark, TIMES, NAMES), max_size=3))

@@ -190,7 +190,7 @@ class Express:
     The framework's way costs twice what the rest of this request does. The route stays declared where it was,
     in routers/observations.py, with its schema and its place in the gate's table; this is the same sequence
     of the same functions. Whatever is not quite plain takes the framework's way and gets its answers:
-    tests/api/test_express.py holds both to the same answers.
+    tests/api/test_bad_input.py holds both to the same answers.
     """
 
     def __init__(self, parts: Parts, gate: Admission, route: BaseRoute) -> None:

@@ -228,10 +228,9 @@ def state(guarded: Guarded, repair: str) -> str:
     return str(guarded.shared.client.repair(repair)["state"])
 
 
-@pytest.mark.parametrize("mode", HANDSHAKES)
-async def test_without_a_yes_nothing_is_done(guarded: Guarded, mode: str) -> None:
-    repair, person = guarded.shared.awaiting_approval(f"no-{mode}"), Person()
-    async with assistant(guarded.url, guarded.keys["operator"], person, mode) as client:
+async def test_without_a_yes_nothing_is_done(guarded: Guarded) -> None:
+    repair, person = guarded.shared.awaiting_approval("no"), Person()
+    async with assistant(guarded.url, guarded.keys["operator"], person) as client:
         for person.says, person.confirms in (("decline", True), ("cancel", True), ("accept", False)):
             for tool in ("approve", "cancel"):
                 assert "did not say yes" in await refused(client, tool, repair=repair)
@@ -254,11 +253,10 @@ async def test_a_client_that_cannot_ask_is_refused_and_told_where_a_person_can(
     assert state(guarded, repair) == "awaiting-approval"
 
 
-@pytest.mark.parametrize("mode", HANDSHAKES)
-async def test_what_has_changed_since_the_person_read_it_is_not_approved(guarded: Guarded, mode: str) -> None:
-    repair = guarded.shared.awaiting_approval(f"late-{mode}")
+async def test_what_has_changed_since_the_person_read_it_is_not_approved(guarded: Guarded) -> None:
+    repair = guarded.shared.awaiting_approval("late")
     person = Person(meanwhile=lambda: guarded.shared.client.cancel(repair))
-    async with assistant(guarded.url, guarded.keys["operator"], person, mode) as client:
+    async with assistant(guarded.url, guarded.keys["operator"], person) as client:
         said = await refused(client, "approve", repair=repair)
     assert "changed" in said or "does not wait" in said
     assert "cancel" in state(guarded, repair)

@@ -1,4 +1,4 @@
-"""Repairs and plans are what the OpenAPI document says: every field that comes is described, and comes."""
+"""Answers are what the OpenAPI document says: every field is described, and each moment has its text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from pydantic import BaseModel
 from structlog.testing import capture_logs
 from tests.api.conftest import TEDUSAR, Service, running
-from tests.api.test_timestamps import answered, each_is_told
 from tests.waiting import until
 
 from robomend.api.routers.history import HistoryLine
@@ -28,8 +27,57 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     settings = Settings(port=0, data=tmp_path_factory.mktemp("typed"))
     with running(settings, repairs=True) as service:
         service.with_robot("r1", policy="approve", actions={"start_node": {"retries": 0}})
+        service.with_robot("wired", board={"host": "127.0.0.1", "port": 1}, policy="observe")
         service.observe(*WRONG, robot="r1")
         yield service
+
+
+def refs(value: Any) -> Iterator[str]:
+    """Yield the names of the schemas that this part of the document speaks of."""
+    if isinstance(value, dict):
+        if "$ref" in value:
+            yield value["$ref"].rpartition("/")[2]
+        for one in value.values():
+            yield from refs(one)
+    elif isinstance(value, list):
+        for one in value:
+            yield from refs(one)
+
+
+def answered(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the schemas of all that is answered."""
+    schemas = document["components"]["schemas"]
+    found: dict[str, Any] = {}
+    new = {
+        name
+        for operations in document["paths"].values()
+        for operation in operations.values()
+        for name in refs(operation["responses"])
+    }
+    while new:
+        found.update({name: schemas[name] for name in new})
+        new = {name for one in new for name in refs(schemas[one])} - found.keys()
+    return found
+
+
+def told_in(value: Any) -> Iterator[tuple[str, int | None, Any]]:
+    """Yield each moment of an answer: its name, the nanoseconds, and the text beside them."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            if name.endswith("_ns"):
+                yield name, one, value.get(name.removesuffix("_ns"), "nothing")
+            yield from told_in(one)
+    elif isinstance(value, list):
+        for one in value:
+            yield from told_in(one)
+
+
+def each_is_told(answer: Any) -> int:
+    """See that each moment of an answer has its text; return how many there are."""
+    moments = list(told_in(answer))
+    for name, time_ns, text in moments:
+        assert (name, text) == (name, rfc3339(time_ns))
+    return len(moments)
 
 
 def described(kind: type[BaseModel], answer: dict[str, Any]) -> None:
@@ -180,3 +228,55 @@ def test_the_audit_log_is_asked_for_by_who_and_what(service: Service) -> None:
     assert ids(service, "/audit", action="robot.put") == put
     assert ids(service, "/audit", action="robot.put", actor="local") == put
     assert ids(service, "/audit", actor="nobody") == []
+
+
+def test_each_moment_of_the_document_has_its_text(service: Service) -> None:
+    schemas = answered(service.http.get("/openapi.json").json())
+    moments = [
+        (name, field)
+        for name, schema in schemas.items()
+        for field in schema.get("properties", {})
+        if field.endswith("_ns")
+    ]
+    assert {"RepairOut", "AuditedStop", "CurrentDiagnosis", "StepFeedback"} <= {name for name, _ in moments}
+    for name, field in moments:
+        fields, required = schemas[name]["properties"], schemas[name].get("required", [])
+        text = field.removesuffix("_ns")
+        assert text in fields, f"{name}.{field} has no {text}"
+        kinds = fields[text].get("anyOf", [fields[text]])
+        assert kinds[0]["format"] == "date-time", f"{name}.{text}"
+        nullable = {"type": "null"} in fields[field].get("anyOf", [])
+        assert ({"type": "null"} in kinds) == nullable, f"{name}.{text}"
+        assert field not in required or text in required, f"{name}.{text}"
+
+
+@pytest.mark.parametrize(
+    ("path", "least"),
+    [
+        ("/models/tedusar/versions", 1),
+        ("/robots/r1", 2),
+        ("/robots/r1/observations", 6),
+        ("/robots/r1/diagnosis", 1),
+        ("/robots/wired/board", 1),
+        ("/audit", 1),
+        ("/stop", 1),
+    ],
+)
+def test_each_moment_of_an_answer_has_its_text(service: Service, path: str, least: int) -> None:
+    answer = service.api("GET", path)
+    assert answer.status_code == 200, answer.text
+    assert each_is_told(answer.json()) >= least
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"),
+    [
+        (0, "1970-01-01T00:00:00.000Z"),
+        (1_764_000_000_123_999_999, "2025-11-24T16:00:00.123Z"),
+        (2**63 - 1, "2262-04-11T23:47:16.854Z"),
+        (-1, "1969-12-31T23:59:59.999Z"),
+        (None, None),
+    ],
+)
+def test_a_moment_as_text_is_cut_to_the_millisecond(time_ns: int | None, text: str | None) -> None:
+    assert rfc3339(time_ns) == text
