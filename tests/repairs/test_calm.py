@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,13 +13,15 @@ import pytest
 from tests.repairs.robot import CONFIG, MODEL, put_robot, service
 
 from robomend.api.runtime import Runtime
-from robomend.repairs.calm import Calm
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.planning.choice import Choice
+from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.store.records import StoredStart
 from robomend_client.actions import Action
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
 
@@ -26,11 +29,54 @@ S = 10**9
 SCAN, MAP = Atom("ok", ("scan",)), Atom("ok", ("map",))
 
 
-async def said(runtime: Runtime, now_ns: int, **verdicts: tuple[bool, float]) -> None:
+def diagnosed(*bad: tuple[str, ...]) -> DiagnosisResult:
+    found = tuple(Diagnosis(one) for one in bad)
+    return DiagnosisResult(("driver", "mapping"), found, True, None, (), 0.0)
+
+
+def calm(other: DiagnosisResult) -> Calm:
+    """Return one to whom every other set of observations has the same diagnoses; nothing is planned."""
+
+    async def diagnose(literals: Iterable[Literal]) -> DiagnosisResult:
+        return other
+
+    async def choose(result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
+        raise AssertionError("nothing needs to be planned for this")
+
+    async def newest() -> DiagnosisResult:
+        raise AssertionError("nothing is waited for")
+
+    known = (Literal(SCAN), Literal(MAP, False))
+    sight, system = SimpleNamespace(vouched=lambda: known), SimpleNamespace(parts=None)
+    state = cast(Any, SimpleNamespace(sight=sight, system=system))
+    nobody = cast(Any, None)
+    return Calm(state, nobody, nobody, frozenset(), newest, diagnose, choose, lambda name: 5.0)
+
+
+async def test_what_is_repaired_in_any_case_need_not_wait() -> None:
+    other = diagnosed(("mapping", "driver"), ("mapping",))
+    assert not await calm(other)._may_change(diagnosed(("mapping",)), [SCAN])
+
+
+async def test_a_verdict_that_takes_one_more_fault_is_not_waited_for() -> None:
+    """Faults that have nothing to do with each other begin in the same second once in a robot's life."""
+    now, more = diagnosed(("mapping",), ("driver",)), diagnosed(("mapping", "base"), ("driver", "base"))
+    assert not await calm(more)._may_change(now, [SCAN])
+
+
+async def test_health_would_change_it() -> None:
+    assert await calm(diagnosed(()))._may_change(diagnosed(("mapping",)), [SCAN])
+
+
+async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None:
+    assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
+
+
+async def said(runtime: Runtime, now_ns: int, by: str = "agent", **verdicts: tuple[bool, float]) -> None:
     """Report topics, good or bad, and for how long they have been so."""
     batch = Batch(
         [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
-        source="agent",
+        source=by,
         time_ns=now_ns,
         since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
         onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
@@ -39,11 +85,13 @@ async def said(runtime: Runtime, now_ns: int, **verdicts: tuple[bool, float]) ->
 
 
 @asynccontextmanager
-async def waiting_for_verdicts(tmp_path: Path, **about: Any) -> AsyncIterator[tuple[Runtime, Calm]]:
+async def waiting_for_verdicts(
+    tmp_path: Path, model: str = MODEL, **about: Any
+) -> AsyncIterator[tuple[Runtime, Calm]]:
     """A robot whose verdicts take a minute, and what a repair of it waits for."""
     config = {**CONFIG, "policy": "observe", "detection_s": 60.0, **about}
     async with service(tmp_path) as runtime:
-        await put_robot(runtime, MODEL, **config)
+        await put_robot(runtime, model, **config)
         state = await runtime.robots.memory.robot("r1")
         nobody = cast(Any, None)
         yield runtime, Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
@@ -64,12 +112,19 @@ async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_com
 
 
 async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(tmp_path: Path) -> None:
-    async with waiting_for_verdicts(tmp_path, detection_s=0.0) as (runtime, calm):
+    async def said(runtime: Runtime, time_ns: int, sentence: str) -> None:
+        batch = Batch([sentence], source="agent", time_ns=time_ns, since=[time_ns], lifetime_s=2.0)
+        await runtime.robots.observe("r1", batch)
+
+    config = {**CONFIG, "policy": "observe"}
+    async with service(tmp_path) as runtime:
+        await put_robot(runtime, MODEL, **config)
+        state = await runtime.robots.memory.robot("r1")
         now_ns = CLOCK.now_ns()
+        nobody = cast(Any, None)
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, lambda name: 0.0)
         for ago_s, sentence in ((300.0, "ok(odom)"), (2.2, "ok(scan)"), (1.0, "not ok(map)")):
-            time_ns = now_ns - round(ago_s * S)
-            batch = Batch([sentence], source="agent", time_ns=time_ns, since=[time_ns], lifetime_s=2.0)
-            await runtime.robots.observe("r1", batch)
+            await said(runtime, now_ns - round(ago_s * S), sentence)
         pending = calm._pending()
     assert pending.keys() == {SCAN}
     assert now_ns < pending[SCAN] < now_ns + 2 * S
@@ -93,6 +148,28 @@ async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_
         }
         hearing._complete = True
         assert {str(atom) for atom in await hearing.unheard()} == {"ok(odom)", "running(lidar_node)"}
+
+
+async def test_of_many_pending_verdicts_only_those_count_that_the_suspects_may_turn(tmp_path: Path) -> None:
+    """With more than are tried one by one, and none that has to do with what is wrong, nobody waits."""
+    others = "".join(f"  n{n}: {{publishes: {{t{n}: []}}}}\n" for n in range(2 * MOST_FLIPS))
+    async with waiting_for_verdicts(tmp_path, MODEL + others) as (runtime, _):
+        state = await runtime.robots.memory.robot("r1")
+        now_ns = CLOCK.now_ns()
+        good = {f"t{n}": (True, 1.0) for n in range(2 * MOST_FLIPS)}
+        await said(runtime, now_ns, "agent", scan=(False, 1), map=(False, 1), **good)
+        nobody = cast(Any, None)
+        about = partial(runtime.robots.diagnosing.of, state)
+
+        async def choose(result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
+            raise AssertionError("nothing needs to be planned for this")
+
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, about, choose, lambda name: 0.0)
+        result = await about(state.literals())
+        pending = [Atom("ok", (topic,)) for topic in good]
+        assert not await calm._may_change(result, pending)
+        with pytest.raises(AssertionError, match="planned for"):  # the suspects may turn this one
+            await calm._may_change(result, [*pending, Atom("on", ("lidar",))])
 
 
 async def test_what_rests_on_what_was_started_is_judged_anew_once_that_is_back(tmp_path: Path) -> None:

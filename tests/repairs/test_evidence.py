@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from tests.repairs.robot import (
     CONFIG,
-    MODEL,
     Robot,
     repaired,
     robot_of,
@@ -26,7 +25,6 @@ from tests.waiting import eventually
 
 from robomend.errors import InputError
 from robomend.repairs import flapping
-from robomend.repairs.calm import MOST_FLIPS
 from robomend.repairs.choosing import Chooser
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
@@ -155,23 +153,6 @@ async def test_a_repair_waits_for_a_verdict_that_could_change_its_first_act(tmp_
             repair = await the_repair(runtime)
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]  # not mapping
-
-
-@pytest.mark.parametrize("nodes", [0, 2 * MOST_FLIPS])
-async def test_verdicts_that_could_not_change_the_first_act_are_not_waited_for(
-    tmp_path: Path, nodes: int
-) -> None:
-    """Observers take minutes to see that more is broken; as many as are tried one by one, and more."""
-
-    class Large(Robot):
-        def facts(self) -> dict[str, bool]:
-            return super().facts() | {f"ok(t{n})": True for n in range(nodes)}
-
-    model = MODEL + "".join(f"  n{n}: {{publishes: {{t{n}: []}}}}\n" for n in range(nodes))
-    async with robot_of(tmp_path, Large, model, detection_s=600.0) as (_, robot):
-        robot.running["mapping"] = False
-        await eventually(lambda: robot.done, "it is acted upon")
-    assert robot.done[0] == "start_node(mapping)"
 
 
 async def well_meanwhile(robot: Robot, state: Any) -> None:
