@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.diagnosis.systems import brute_force, model, satisfiable
+from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
-from robomend.diagnosis import derivations
+from robomend.diagnosis import by_conflicts, derivations
 from robomend.diagnosis.derivations import Derivations
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.masks import bits
@@ -71,6 +71,26 @@ def test_diagnoses_are_the_same_whatever_the_bound(
         return
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivations, "MAX_ENVIRONMENTS", bound)
+        result = make_engine("sat", cnf).diagnose(seen, Options(limit=None, timeout_s=None))
+    assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
+    assert result.complete
+
+
+# components 1-4, atoms 5-9
+
+
+@pytest.mark.parametrize("nodes", [0, 3, 20])
+@settings(deadline=None)
+@given(systems())
+def test_another_search_goes_on_from_what_was_found(
+    nodes: int, system: tuple[HealthCnf, frozenset[Literal]]
+) -> None:
+    cnf, seen = system
+    expected = brute_force(cnf, seen)
+    if expected is None:
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(by_conflicts, "SEARCHED_NODES", nodes)
         result = make_engine("sat", cnf).diagnose(seen, Options(limit=None, timeout_s=None))
     assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
     assert result.complete

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from pathlib import Path
 from random import Random
 
 import numpy as np
@@ -27,7 +25,6 @@ from robomend.resources import resource
 from robomend_bench.odd_models import random_triples
 from robomend_client.literals import Atom, Literal, holds
 
-ROOT = Path(__file__).parents[2]
 TEDUSAR = load_model(resource("examples", "tedusar.yaml")).cnf
 MANIPULATOR = load_model(resource("examples", "mobile_manipulator.yaml")).cnf
 PLAIN = Options(conflicts=False, timeout_s=None)
@@ -201,14 +198,3 @@ def test_what_a_library_cannot_do_is_refused() -> None:
             Library(TEDUSAR, TEDUSAR.atoms, asked)
     with pytest.raises(OptionRefused, match="named twice"):
         Library(TEDUSAR, TEDUSAR.atoms[:1] * 2, PLAIN)
-
-
-def test_the_example_of_the_docs_says_what_it_says(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page = (ROOT / "docs" / "diagnosis.md").read_text()
-    section = page[page.index("## Many rows of the same sensors") :]
-    code, told = re.findall(r"^```(?:python)?\n(.*?)^```", section, re.MULTILINE | re.DOTALL)[:2]
-    monkeypatch.chdir(ROOT)
-    exec(compile(code, "docs/diagnosis.md", "exec"), {})
-    assert capsys.readouterr().out == told

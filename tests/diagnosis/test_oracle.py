@@ -7,8 +7,11 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robomend.diagnosis.oracle import INTERRUPTIBLE, Deadline, Oracle, solver_name
+from robomend.diagnosis.shrinking import Witnesses, shrunk
 
 PIGEONS = """
 from itertools import combinations
@@ -55,3 +58,35 @@ def test_clauses_added_together_count_and_a_closed_solver_takes_none(solver: str
     for _ in range(1_000):  # memory that was freed would be written to
         oracle.add([4, 5])
         oracle.add_all([(4, 5), (-4, 6)])
+
+
+# --- contradictions made minimal within a bound on the questions
+
+
+class Asked:
+    """Refutes whatever holds all of a core, and counts."""
+
+    def __init__(self, *core: int) -> None:
+        self.core = set(core)
+        self.questions = 0
+
+    def __call__(self, literals: list[int]) -> list[int] | None:
+        self.questions += 1
+        return literals if self.core.issubset(literals) else None
+
+
+@given(st.sets(st.integers(1, 60), min_size=1), st.integers(1, 60))
+def test_what_is_left_is_the_core_whatever_is_around_it(core: set[int], last: int) -> None:
+    asked = Asked(*core)
+    assert shrunk(range(1, max(last, *core) + 1), asked, 1_000) == (sorted(core), True)
+
+
+def test_witnesses_name_only_what_is_needed() -> None:
+    # 3 must follow from each of 1 and 2: neither is needed
+    clauses = [[-1, 3], [-2, 3]]
+    oracle = Oracle(clauses, Deadline())
+    needed: set[int] = set()
+    assert oracle.sat([-3])
+    Witnesses(clauses, 2, {3}, lambda: None).needed(oracle.model(), {1, 2}, needed)
+    assert needed == set()
+    oracle.close()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import combinations
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.systems import model
+from tests.diagnosis.test_hitting_sets import COMPONENTS, families, minimal_hitting_sets, revealing
 
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.ranking import (
@@ -22,22 +22,11 @@ from robomend.diagnosis.ranking import (
 )
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options
 
-NAMES = [f"c{i}" for i in range(1, 6)]
+NAMES = [f"c{i}" for i in range(1, COMPONENTS + 1)]
 
 priors = st.lists(st.floats(1e-6, 0.95, exclude_min=True), min_size=len(NAMES), max_size=len(NAMES)).map(
     lambda values: dict(zip(NAMES, values, strict=True))
 )
-families = st.lists(st.integers(1, 2 ** len(NAMES) - 1), min_size=1, max_size=5)
-
-
-def minimal_hitting_sets(family: list[int]) -> list[int]:
-    found: list[int] = []
-    for size in range(len(NAMES) + 1):
-        for chosen in combinations(range(len(NAMES)), size):
-            mask = sum(1 << bit for bit in chosen)
-            if all(mask & conflict for conflict in family) and not any(mask & m == m for m in found):
-                found.append(mask)
-    return found
 
 
 def named(mask: int) -> tuple[str, ...]:
@@ -50,10 +39,7 @@ def probability_of(mask: int, priors: dict[str, float]) -> float:
 
 
 def enumerate_all(family: list[int], priors: dict[str, float]) -> list[int]:
-    def find_conflict(mask: int) -> int | None:
-        return next((conflict for conflict in family if not conflict & mask), None)
-
-    return list(by_probability(find_conflict, NAMES, priors, Deadline()))
+    return list(by_probability(revealing(family), NAMES, priors, Deadline()))
 
 
 def test_without_the_priors_that_matter_there_is_no_probability() -> None:
@@ -119,10 +105,7 @@ def test_rounding_does_not_change_the_order() -> None:
     odds = {"a": 2 + 0.4 / SCALE, "b": 2 + 0.4 / SCALE, "c": 4 + 0.6 / SCALE}
     priors = {name: 1 / (1 + math.exp(cost)) for name, cost in odds.items()}
 
-    def find_conflict(mask: int) -> int | None:
-        return next((conflict for conflict in (0b101, 0b110) if not conflict & mask), None)
-
-    assert list(by_probability(find_conflict, list(odds), priors, Deadline())) == [0b100, 0b011]
+    assert list(by_probability(revealing([0b101, 0b110]), list(odds), priors, Deadline())) == [0b100, 0b011]
 
 
 def test_what_was_found_before_the_deadline_is_not_lost() -> None:

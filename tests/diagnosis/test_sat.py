@@ -9,13 +9,12 @@ from tests.diagnosis.netlists import circuit
 from tests.diagnosis.systems import brute_force, model, systems
 
 from robomend.diagnosis.engines import ENGINES, make_engine
+from robomend.diagnosis.observed import KEPT_UNUSED, ObservationReader
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import diagnose_snapshots
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal, fails, holds
-
-ALL = Options(limit=None, timeout_s=None)
 
 
 @given(systems(), st.data())
@@ -69,3 +68,27 @@ def test_where_a_supposition_cannot_be_no_larger_diagnosis_is_promised() -> None
         result = engine.diagnose(seen, options)
         assert (result.diagnoses, result.stopped_by) == ((), None)
     assert engine.diagnose(seen, Options(minimal="cardinality", max_size=0)).stopped_by == "size"
+
+
+# --- observations in the solver's numbers
+
+CNF = model(1, [(-1, 2)], atoms=3)
+
+
+def test_what_no_rule_mentions_is_told_once_and_refused_where_it_clashes() -> None:
+    reader = ObservationReader(CNF)
+    stranger = holds("ok", "stranger")
+    for _ in range(2):  # new, then met before
+        observed = reader.read([stranger, fails("ok", "a2"), stranger])
+        assert observed.unused == (stranger,)
+        assert observed.numbers == (-3,)
+        assert observed.seen == {-3}
+        with pytest.raises(ContradictoryModel):
+            reader.read([stranger, fails("ok", "a2"), -stranger])
+
+
+def test_strangers_do_not_fill_the_memory() -> None:
+    reader = ObservationReader(CNF)
+    reader.read([holds("ok", "a1"), *(holds("ok", f"stranger{number}") for number in range(3 * KEPT_UNUSED))])
+    assert reader.read([holds("ok", "a1"), fails("ok", "a2")]).numbers == (2, -3)
+    assert len(reader.known) < 2 * KEPT_UNUSED

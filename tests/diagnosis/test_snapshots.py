@@ -52,14 +52,6 @@ def blamed(
     return [diagnosis.bad for diagnosis in result.diagnoses]
 
 
-def test_the_fault_that_explains_both_snapshots_comes_before_two_that_explain_one_each() -> None:
-    on = holds("ok", "a3")
-    left_dark = frozenset({on, fails("ok", "a1"), holds("ok", "a2")})
-    right_dark = frozenset({on, fails("ok", "a2")})
-    assert blamed(TWO_LAMPS, [left_dark]) == [("c1",), ("c2",)]
-    assert blamed(TWO_LAMPS, [left_dark, right_dark]) == [("c1",), ("c2", "c3")]
-
-
 def test_conflicts_say_what_was_seen_and_healthy_suspects_are_cleared() -> None:
     dark = frozenset({holds("ok", "a3"), fails("ok", "a1"), fails("ok", "a2")})
     result = diagnose_snapshots(TWO_LAMPS, [dark])

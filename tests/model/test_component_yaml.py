@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.examples import examples
 
 from robomend.errors import ModelError
-from robomend.model.components import Component
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 from robomend_client.literals import Atom
@@ -75,11 +72,8 @@ def test_reads_everything_that_the_format_has() -> None:
     [
         ("channel: 11", "channel: 12", 8, "whole number from 0 to 11"),
         ("channel: 11", "channel: 11, boot_s: -1", 8, "seconds from 0 to 3600, not `-1`"),
-        ("channel: 11", "channel: 11, boot_s: 86400", 8, "seconds from 0 to 3600, not `86400`"),
         ("channel: 11", "channel: 11, start_s: 3", 8, "hardware base has no key `start_s`"),
         ("drives: arm", "drives: arm, start_s: nan", 17, "seconds from 0 to 3600, not `nan`"),
-        ("drives: arm", "drives: arm, start_s: -0.5", 17, "seconds from 0 to 3600"),
-        ("channel: 11", "channel: -1", 8, "whole number from 0 to 11"),
         ("channel: 11", "channel: x", 8, "whole number from 0 to 11"),
         ("channel: 11", "channel: 0", 9, r"channel 0 is used twice \(base, arm\)"),
         (
@@ -89,19 +83,14 @@ def test_reads_everything_that_the_format_has() -> None:
             "did you mean `channel`.*allowed are channel, fed_by",
         ),
         ("psu: {}", "psu: {fed_by: [base]}", 7, "round in a circle: psu fed by base fed by psu"),
-        ("psu: {}", "psu: {fed_by: psu}", 7, "round in a circle: psu fed by psu"),
         ("[psu]", "[pssu]", 8, "no hardware is named `pssu`; did you mean `psu`"),
-        ("[base, imu]", "[base, imv]", 15, "did you mean `imu`"),
         (", inputs_matter: true", "", 15, "say `inputs_matter: true`, or drop them"),
         ("cmd: [odom]", "cmd: [odm]", 16, "reads `odm`, which no node publishes; did you mean `odom`"),
         ("tied_to: [driver]", "tied_to: [diver]", 16, "no node is named `diver`"),
         ("tied_to: [driver]", "tied_to: [planner]", 16, "tied to itself"),
         ("prior: 0.1,", "prior: 1,", 16, "between 0 and 1, both excluded"),
-        ("prior: 0.1,", "prior: 0,", 16, "between 0 and 1, both excluded"),
-        ("prior: 0.1,", "prior: -0.5,", 16, "between 0 and 1, both excluded"),
         ("prior: 0.1,", "prior: nan,", 16, "between 0 and 1, both excluded"),
         ("cost: 3", "cost: 0", 16, "number above 0"),
-        ("cost: 3", "cost: .inf", 16, "number above 0"),
         ("host: pc2", "host: [pc2]", 16, "expected a name, not a list"),
         ("planner:", "base:", 16, "`base` is hardware already"),
         ("planner:", "driver:", 16, r"`driver` is written twice \(first in line 15\)"),
@@ -110,8 +99,6 @@ def test_reads_everything_that_the_format_has() -> None:
         ("topic: cmd, field: z", "topic: cmd", 22, "value turn needs `field:`"),
         ("topic: cmd,", "topic: cmds,", 22, "did you mean `cmd`"),
         ("values: {yaw: ", "values:\n  {yaw: {topic: oddom, field: c}, twist:\n ", 23, "did you mean `odom`"),
-        ("turn: {topic: cmd,", "\n  turn: {topic: cmds,", 23, "did you mean `cmd`"),
-        ("temp: {cost: 4}, load: {}", "temp: {cost: 4},\n  odom: {}", 22, "`odom` is a topic already"),
         ("[[yaw, turn]]", "[[yaw, yaw]]", 23, "twice"),
         ("[[yaw, turn]]", "[[yaw]]", 23, "two different values"),
         ("[[yaw, turn]]", "[[yaw, tern]]", 23, "did you mean `turn`"),
@@ -141,18 +128,14 @@ def test_mistakes_are_named_with_line_and_remedy(old: str, new: str, line: int, 
     ("text", "message"),
     [
         ("", "empty"),
-        ("# nothing", "empty"),
         ("just text", "no model"),
-        ("[1, 2]", "no model"),
         ("a: 1", "a component model begins with `robomend: 1`"),
         ("robomend: 1", "no component"),
         ("robomend: 1\nhardware: [a]\nnodes: [", "not YAML"),
-        ("robomend: 1\n\thardware: x", "not YAML"),
         ("robomend: 1\nhardware: &x {a: {}}\nnodes: *x", "aliases are not read"),
         ("robomend: 1\n---\nrobomend: 1", "second document"),
         ("robomend: 1\n? [a]\n: b", "a key must be a name"),
         ("robomend: 1\nhardware: " + "[" * (MAX_NESTING + 5), "nested deeper"),
-        ("robomend: 1\nhardware: " + "[" * 100_000, "nested deeper"),
         ("a: " + "{a: " * 100_000, "nested deeper"),
         ("robomend: 1\nhardware: [a, a]", "twice"),
         ("robomend: 1\nhardware: {a: {}, /a: {}}", "written twice"),
@@ -229,17 +212,3 @@ def test_a_damaged_five_key_file_raises_model_errors_only(at: int, cut: int, put
 @pytest.mark.parametrize("example", ["tedusar.yaml", "tedusar_spare.yaml", "mobile_manipulator.yaml"])
 def test_the_examples_load_without_a_warning(example: str) -> None:
     assert load_model(resource("examples", example)).warnings == ()
-
-
-@dataclass(frozen=True, slots=True)
-class Door(Component):
-    """A kind that somebody has added."""
-
-    section = "doors"
-    what = "door"
-    state = "closed"
-    lost = ("open",)
-
-    floor: int | None = None
-    opens: tuple[str, ...] = ()
-    locked: bool = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,9 +14,10 @@ from robomend.cli.init.described import Described, files_of
 from robomend.diagnosis.engines import make_engine
 from robomend.errors import InputError
 from robomend.model.checking import check
-from robomend.model.from_graph import first_model, rests, steady, tighter
+from robomend.model.from_graph import first_model, offered_remedies, rests, steady, tighter
 from robomend.model.loading import load_text
 from robomend.model.system import System
+from robomend_client.agent.executors.base import read_actions
 from robomend_client.literals import Literal, fails, holds
 from robomend_client.observers.rate import Rate
 from robomend_client.ros_graph import (
@@ -28,6 +30,7 @@ from robomend_client.ros_graph import (
     UsualRate,
     lasting_name,
 )
+from robomend_client.yaml_reader import read
 
 ROBOT = RosGraph(
     publishers={
@@ -549,3 +552,34 @@ def test_what_was_heard_for_a_minute_diagnoses_as_the_model_by_hand() -> None:
     assert frozenset() not in set().union(*right.values())
     same = [faults for faults in every if told(draft, *seen(*faults), *meets) == right[faults]]
     assert len(same) >= 0.95 * len(every), set(every) - set(same)
+
+
+# --- remedies that a graph offers
+
+GRAPH = RosGraph(
+    services={
+        "/front/camera/change_state": frozenset({"/front/camera"}),
+        "/front/camera/get_state": frozenset({"/front/camera"}),
+        "/other/change_state": frozenset({"/other"}),  # no lifecycle: it tells no state
+        "/global_costmap/clear_entirely_global_costmap": frozenset({"/global_costmap"}),
+        "/laser/reset": frozenset({"/laser"}),  # nobody knows what that does
+    }
+)
+
+
+def test_lifecycles_and_costmaps_are_offered_and_nothing_that_nobody_knows() -> None:
+    found = offered_remedies(GRAPH)
+    assert [one.node for one in found] == ["/front/camera", "/global_costmap"]
+    assert all(line.startswith("#") for one in found for line in (one.model, one.action))
+    assert found[0].model == "#  bring_up_front_camera: {mends: front/camera}"
+
+
+def test_an_offered_action_can_be_read_once_somebody_takes_the_comment_away(tmp_path: Path) -> None:
+    lines = [one.action.removeprefix("#") for one in offered_remedies(GRAPH)]
+    file = tmp_path / "agent.yaml"
+    file.write_text("\n".join(("actions:", *lines, "")))
+    specs = read_actions(read(file), tmp_path)
+    assert [(one.kind, one.make().parameters) for one in specs] == [
+        ("lifecycle", (("front/camera",),)),
+        ("ros2_service", (("global_costmap",),)),
+    ]

@@ -113,8 +113,6 @@ def test_a_condition_compares_the_reading_of_a_name_and_declares_it() -> None:
         ("dwell_s: 0.5", "dwel_s: 1", 24, "did you mean `dwell_s`"),
         ("{needs: altitude, do: [follow]}", "{need: altitude}", 11, "did you mean `needs`"),
         ("[follow]", "['follow it']", 11, "no act"),
-        ("[follow]", "['follow(it']", 11, "no act"),
-        ("[follow]", "['follow(%)']", 11, "no act"),
         ("start_node(cam)", "start_node(camera)", 20, "wants one node of the model"),
         ("start_node(cam)", "stop_node(cam)", 20, "never admissible: its own acts take away cam"),
         ("≥ 2.25 +- 0.1", ">= 2 and visibility < 1", 19, "never admissible: nothing fulfils"),

@@ -28,27 +28,6 @@ def loaded(sentence: str) -> System:
     return load_text(f"{ROBOT}act_when: '{sentence}'\n", file="robot.yaml")
 
 
-def why_not(sentence: str, **seen: bool) -> str | None:
-    """Return what is said while these properties are observed."""
-    interlock = loaded(sentence).act_when
-    assert interlock is not None
-    return interlock.why_not(lambda atom: seen.get(atom.args[0]))
-
-
-def test_what_is_observed_permits_and_its_opposite_or_silence_forbids() -> None:
-    assert why_not("ok(parked)", parked=True) is None
-    assert why_not("ok(parked)", parked=False) == (
-        "act_when of the model, `ok(parked)`, is not what is observed: not ok(parked) is observed"
-    )
-    assert why_not("ok(parked)") == (
-        "act_when of the model, `ok(parked)`, is not what is observed: nobody reports ok(parked)"
-    )
-    assert why_not("ok(parked) and not ok(moving)", parked=True) == (
-        "act_when of the model, `ok(parked) and not ok(moving)`, is not what is observed: "
-        "ok(parked) is observed, nobody reports ok(moving)"
-    )
-
-
 @pytest.mark.parametrize(
     "sentence",
     ["a and b", "a or b", "a -> b", "a <-> b", "not a", "not (a or not b)", "(a -> b) and (b -> a) or false"],

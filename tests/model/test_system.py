@@ -8,11 +8,9 @@ from dataclasses import replace
 import pytest
 
 from robomend.errors import UnknownComponent
-from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend.model.system import variant
 from robomend.observations.language import read_assertion
-from robomend_client.literals import Atom, Literal
 
 ROBOT = replace(
     load_text("robomend: 1\nname: r\nnodes: {a: {publishes: {t: []}}, b: {publishes: {u: []}}}\n"),
@@ -49,27 +47,3 @@ def test_components_are_named_as_the_model_writes_them() -> None:
     assert ROBOT.named(["/b", "a", "b"]) == ("b", "a", "b")
     with pytest.raises(UnknownComponent, match="no component is named 'c'"):
         ROBOT.named(["a", "c"])
-
-
-@pytest.mark.parametrize("components", [(), ("lamp",), ("lamp", "wire")])
-def test_a_variable_is_told_as_what_it_stands_for(components: tuple[str, ...]) -> None:
-    atoms = (Atom("ok", ("light",)), Atom("on", ("lamp",)))
-    cnf = HealthCnf(
-        name="small",
-        components=components,
-        atoms=atoms,
-        clauses=(),
-        origins=(),
-        rules=(),
-        variables=len(components) + len(atoms),
-        weak=True,
-    )
-    healthy = [cnf.word(variable) for variable in range(1, len(components) + 1)]
-    assert healthy == [f"not ab({name})" for name in components]
-    assert [cnf.word(-variable) for variable in range(1, len(components) + 1)] == [
-        f"ab({name})" for name in components
-    ]
-    for literal in (Literal(atom, positive) for atom in atoms for positive in (True, False)):
-        variable = cnf.literal(literal)
-        assert variable is not None
-        assert cnf.literal_of(variable) == literal

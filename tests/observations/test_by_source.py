@@ -77,16 +77,6 @@ def test_what_one_computer_hears_and_another_does_not_is_unknown_and_told() -> N
     assert obs.literals(8 * S) == ()
 
 
-def test_that_they_contradict_each_other_is_news_once_and_its_end_too() -> None:
-    obs = after(*BOTH[:3])
-    [begins] = obs.update([BOTH[3]])
-    assert begins.contradicted
-    assert all(obs.update([report]) == () for report in BOTH[4:])
-    [ends] = obs.update([said("a", False, 8.6, 8.1)])
-    assert (ends.literal, ends.contradicted) == (Literal(SCAN, False), False)
-    assert names(obs, 8.6) == []
-
-
 @pytest.mark.parametrize(
     ("belief", "value", "who"),
     [
@@ -128,15 +118,6 @@ def test_an_opposite_word_that_may_be_late_is_doubt() -> None:
     assert obs.doubted(2 * S) == {SCAN: 6 * S}
     obs.update([said("a", False, 2.5, 1.6, 1.2)])
     assert obs.doubted(round(2.5 * S)) == {}
-
-
-def test_what_is_kept_rebuilds_it_and_who_is_believed_may_be_another() -> None:
-    obs = after(*BOTH)
-    again = Obs(obs.entries())
-    assert known(again, 8.1) is None
-    assert names(again, 8.1) == names(obs, 8.1)
-    assert known(Obs(obs.entries(), belief=Belief(bad_wins=True)), 8.1) is False
-    assert known(Obs(obs.entries(), belief=Belief(("a",))), 8.1) is True
 
 
 def test_the_sources_of_an_atom_are_bounded() -> None:

@@ -22,7 +22,7 @@ nodes:
   mapper: {publishes: {map: [odom]}}
 properties: [temperature]
 values: {yaw: {topic: odom, field: z}, turn: {topic: odom, field: w}}
-rules: ["ready(base) -> ok(map)"]
+rules: ["ready(base) -> ok(map)", "raining -> ok(odom)"]
 """
 ).vocabulary
 
@@ -53,6 +53,7 @@ rules: ["ready(base) -> ok(map)"]
         ("ok(CPU,driver)", [holds("ok", "CPU", "driver")]),
         ("ok(current(base))", [holds("ok", "current", "base")]),
         ("not ready(base)", [fails("ready", "base")]),
+        ("not_raining", [fails("raining")]),
     ],
 )
 def test_reads_every_spelling(sentence: str, literals: list[Literal]) -> None:
@@ -69,6 +70,13 @@ def test_reads_every_spelling(sentence: str, literals: list[Literal]) -> None:
         ("oks(odom)", 0, "did you mean ok"),
         ("on(driver)", 0, "no hardware is named driver"),
         ("on(base,driver)", 0, "takes 1 names, not 2"),
+        ('ok(current("left arm"))', 0, "do not go together"),
+        ("ok(CPU,base)", 0, "do not go together"),
+        ("not ok(base)", 4, "base is hardware: write on(base)"),
+        ("running(odom)", 0, "odom is a topic: write ok(odom)"),
+        ("ok(driver)", 0, "driver is a node: write running(driver)"),
+        ("inc(odom)", 0, "no value is named odom"),
+        ("xyzzy", 0, "no predicate is named xyzzy; known are const, dec"),
         ("ok(odom", 7, "expected `,` or `)`"),
         ("ok(odom))", 8, "expected `and`"),
         ("ok()", 3, "expected a name"),
@@ -80,6 +88,8 @@ def test_reads_every_spelling(sentence: str, literals: list[Literal]) -> None:
         ("ok(odom) and not ok(odom)", 0, "both ok(odom) and not ok(odom)"),
         ("ok(odom) or ok(map)", 0, "give it a name"),
         ("true", 0, "give it a name"),
+        ("ok(odom) ==> ok(map)", 9, "is not known: write '->'"),
+        ("ok(odom)||ok(map)", 8, "is not known: write 'or'"),
         ("ab(base)", 0, "what a diagnosis decides"),
         ("not AB(base)", 4, "what a diagnosis decides"),
     ],

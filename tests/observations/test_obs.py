@@ -59,14 +59,6 @@ def test_a_longer_lifetime_reaches_those_who_were_told_that_it_is_stale() -> Non
     assert obs.literals(2) == (holds("ok", "scan"),)
 
 
-def test_a_shorter_lifetime_takes_effect_at_once() -> None:
-    obs = Obs()
-    obs.update([seen(holds("ok", "scan"), 1)])
-    assert obs.literals(2) == (holds("ok", "scan"),)
-    obs.update([seen(holds("ok", "scan"), 3, expires_ns=5)])
-    assert obs.literals(5) == ()
-
-
 def test_asking_about_an_earlier_time_brings_back_what_was_fresh_then() -> None:
     obs = Obs()
     obs.update([seen(holds("ok", "scan"), 1, expires_ns=10)])

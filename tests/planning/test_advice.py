@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pysat.solvers import Solver
 from tests.planning.robots import TEDUSAR
 
 from robomend.diagnosis.engines import make_engine
@@ -13,7 +17,7 @@ from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.model.loading import load_text
 from robomend.model.system import System
-from robomend.planning.advice import SELDOM_HELPS, Situation, looks, other_suspects, parts_of
+from robomend.planning.advice import SELDOM_HELPS, Situation, explains_all, looks, other_suspects, parts_of
 from robomend.planning.choice import Candidate, Choice
 from robomend.planning.cures import power_cuts
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
@@ -23,17 +27,10 @@ from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.readings import Symptom
 
 MUTE: tuple[Literal, ...] = (holds("on", "jaguar"), holds("running", "jaguar_node"), fails("ok", "odom"))
-TIED = (Diagnosis(("jaguar",)), Diagnosis(("jaguar_node",)))
 
 
 def result(*diagnoses: Diagnosis) -> DiagnosisResult:
     return DiagnosisResult(TEDUSAR.components, diagnoses, True, None, (), 0.0)
-
-
-def decided(situation: Situation, options: PlanOptions = PlanOptions()) -> tuple[str, ...]:  # noqa: B008  # frozen
-    wanted = [diagnosis.bad for diagnosis in situation.wanted]
-    choice = situation.decide(plans_for(situation.model, situation.observed, wanted, options))
-    return choice.diagnosis.bad if choice.diagnosis else ()
 
 
 def test_probes_become_looks_in_the_order_of_the_candidates() -> None:
@@ -53,24 +50,26 @@ FEEDS = load_text(
 )
 
 
+def diagnosed(system: System, observed: tuple[Literal, ...]) -> DiagnosisResult:
+    engine = make_engine("sat", system.cnf)
+    try:
+        return engine.diagnose(observed)
+    finally:
+        engine.close()
+
+
 def chosen(
     system: System,
     *observed: Literal,
     tried: tuple[Attempt, ...] = (),
-    surely_broken: frozenset[str] = frozenset(),
+    options: PlanOptions | None = None,
     **known: Any,
 ) -> Choice:
     """What is done about these observations, from the engine to the plan."""
-    engine = make_engine("sat", system.cnf)
-    try:
-        result = engine.diagnose(observed)
-    finally:
-        engine.close()
-    situation = Situation(
-        parts_of(system), observed, result, tried, cnf=system.cnf, surely_broken=surely_broken, **known
-    )
+    result = diagnosed(system, observed)
+    situation = Situation(parts_of(system), observed, result, tried, cnf=system.cnf, **known)
     wanted = [diagnosis.bad for diagnosis in situation.wanted]
-    options = PlanOptions(quarantined=tuple(situation.second_published))
+    options = options or PlanOptions(quarantined=tuple(situation.second_published))
     return situation.decide(plans_for(situation.model, situation.observed, wanted, options))
 
 
@@ -180,11 +179,7 @@ LOOP = load_text(
 def blamed_by_onset(cmd_s: float, state_s: float) -> tuple[str, ...]:
     system = LOOP.extended(loop.clause for loop in LOOP.loops)
     observed = (fails("ok", "cmd"), fails("ok", "state"))
-    engine = make_engine("sat", system.cnf)
-    try:
-        found = engine.diagnose(observed)
-    finally:
-        engine.close()
+    found = diagnosed(system, observed)
     onsets = {Atom("ok", ("cmd",)): round(cmd_s * 1e9), Atom("ok", ("state",)): round(state_s * 1e9)}
     situation = Situation(
         parts_of(system), observed, found, cnf=system.cnf, loops=system.loops, onsets=onsets
@@ -419,3 +414,108 @@ def test_only_what_other_suspects_cannot_prevent_is_awaited_while_the_shared_par
 
 def test_a_whole_diagnosis_leaves_no_other_suspects() -> None:
     assert other_suspects(("cam", "task"), RESULT) == frozenset()
+
+
+# --- a plan for only a part of what is bad: refused where what it leaves explains all that is observed
+
+RESET_USB = (
+    (Path(__file__).parents[2] / "examples" / "actions" / "reset_usb.pddl")
+    .read_text()
+    .replace("(:init (on_bus imu usb1))", "(:init (on_bus imu usb1) (on_bus camera usb1))")
+)
+
+USB = load_text("""
+robomend: 1
+blame_hardware: true
+hardware: {imu: {}, camera: {}}
+nodes:
+  imu_node: {drives: [imu], publishes: {imu_data: []}}
+  camera_node: {drives: [camera], publishes: {image: []}}
+""")
+
+TIRED = ("start_node(imu_node)", "it was done 3 times in this repair")
+
+
+SILENT = (fails("ok", "imu_data"), holds("ok", "image"), holds("running", "imu_node"))
+WITH_RESET = PlanOptions(domain=RESET_USB)
+
+
+def test_a_bus_is_not_reset_for_a_device_whose_driver_cannot_be_restarted_any_more() -> None:
+    restart = ["stop_node(imu_node)", "start_node(imu_node)"]
+    assert steps(chosen(USB, *SILENT, options=WITH_RESET)) == restart
+    choice = chosen(USB, *SILENT, options=replace(WITH_RESET, avoided=(TIRED,)))
+    assert choice.plan is None
+    assert (
+        "imu: its plan would leave imu_node broken, which explains all that is observed, and so help nothing"
+    ) in choice.reason
+
+
+# --- random robots ----------------------------------------------------------------------------------
+
+
+@st.composite
+def situations(draw: st.DrawFn) -> tuple[System, tuple[Literal, ...], PlanOptions]:
+    """Draw a robot of devices with drivers and a chain of nodes, what is observed of it, and what may not be
+    done any more.
+    """
+    devices = draw(st.integers(1, 3))
+    fed = [index > 0 and draw(st.booleans()) for index in range(devices)]
+    hardware = ", ".join(
+        f"d{i}: {{channel: {i + 1}{', fed_by: d0' if fed[i] else ''}}}" for i in range(devices)
+    )
+    drivers = [f"  n{i}: {{drives: [d{i}], publishes: {{t{i}: []}}}}" for i in range(devices)]
+    rests = draw(st.sets(st.integers(0, devices - 1), min_size=1))
+    task = f"  task: {{publishes: {{out: [{', '.join(f't{i}' for i in sorted(rests))}]}}}}"
+    system = load_text("\n".join(["robomend: 1", f"hardware: {{{hardware}}}", "nodes:", *drivers, task]))
+    nodes = [*(f"n{i}" for i in range(devices)), "task"]
+    atoms = [
+        *(("on", f"d{i}") for i in range(devices)),
+        *(("running", name) for name in nodes),
+        *(("ok", f"t{i}") for i in range(devices)),
+        ("ok", "out"),
+    ]
+    signs = draw(
+        st.lists(st.sampled_from((True, True, False, None)), min_size=len(atoms), max_size=len(atoms))
+    )
+    seen = tuple(
+        (holds if sign else fails)(*atom) for atom, sign in zip(atoms, signs, strict=True) if sign is not None
+    )
+    parts = (*(f"d{i}" for i in range(devices)), *nodes)
+    acts = [*(f"power_up(d{i})" for i in range(devices)), *(f"start_node({name})" for name in nodes)]
+    avoided = draw(st.sets(st.sampled_from(acts), max_size=2))
+    aside = draw(st.sets(st.sampled_from(parts), max_size=1))
+    options = PlanOptions(
+        planner="asp",
+        quarantined=tuple(sorted(aside)),
+        avoided=tuple((act, "it was done 3 times in this repair") for act in sorted(avoided)),
+    )
+    return system, seen, options
+
+
+@settings(max_examples=60, deadline=None)
+@given(situations())
+def test_a_plan_is_refused_just_where_obs_is_possible_with_only_broken_what_it_leaves_broken(
+    drawn: tuple[System, tuple[Literal, ...], PlanOptions],
+) -> None:
+    system, seen, options = drawn
+    result = diagnosed(system, seen)
+    situation = Situation(parts_of(system), seen, result, cnf=system.cnf)
+    plans = plans_for(situation.model, seen, [one.bad for one in situation.wanted], options)
+    for diagnosis, plan in zip(situation.wanted, plans, strict=True):
+        # What is bad in the world that the plan predicts, by its own initial state and effects.
+        bad = {fact.args[0] for fact in plan.initial if fact.predicate == "bad"}
+        off = {fact.args[0] for fact in plan.initial if fact.predicate in {"off", "stopped"}} - set(
+            plan.excluded
+        )
+        for step in plan.steps:
+            for effect in step.effects:
+                if effect.atom.predicate == "bad":
+                    (bad.add if effect.positive else bad.discard)(effect.atom.args[0])
+        cnf = system.cnf
+        world = [cnf.health[name] for name in cnf.components if name not in bad]
+        world += [number for number in map(cnf.literal, seen) if number is not None]
+        with Solver(bootstrap_with=cnf.clauses) as solver:
+            explained = solver.solve(assumptions=world)
+        refused = bool(explains_all(plan, diagnosis, result.diagnoses, situation.model))
+        assert refused == (bool(plan.steps) and explained and off <= bad)
+        assert bool(situation.helpful(plan, diagnosis).steps) == (bool(plan.steps) and not refused)

@@ -423,7 +423,6 @@ COLD = ("lidar_b", "lidar_b_node")
 
 
 @pytest.mark.parametrize("needs", ["lidar_b, lidar_b_node", "lidar_b_node"])
-@pytest.mark.parametrize("planner", ["pyperplan", "asp", "dijkstra"])
 def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str, needs: str) -> None:
     system = load_text(PLANT.replace("lidar_b, lidar_b_node", needs))
     assert system.parts is not None
@@ -455,7 +454,6 @@ def test_a_cold_spare_is_switched_on_for_the_variant_that_needs_it(planner: str,
     assert any(sentence.startswith("view by spare") for sentence in plan.unreachable)
 
 
-@pytest.mark.parametrize("planner", ["pyperplan", "asp", "dijkstra"])
 def test_plans_of_changes_cost_the_least_there_is(planner: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the states of the domain as written, seen one by one."""
     compared: set[int] = set()

@@ -48,13 +48,6 @@ def test_devices_are_parts_of_their_own_and_equal_ones_are_equal_values() -> Non
     assert max(len(part.actions) for part in parts) == 4
 
 
-def test_what_others_rest_on_comes_first() -> None:
-    names = [{action.parameters[0] for action in part.actions} for part in split(grounded(ALL_OFF, POWER_UP))]
-    hokuyo = next(i for i, one in enumerate(names) if "hokuyo_node" in one)
-    mapping = next(i for i, one in enumerate(names) if "hector_mapping" in one)
-    assert hokuyo < mapping
-
-
 SHAPES = """
 (define (domain robot-repair)
   (:types tool - object)

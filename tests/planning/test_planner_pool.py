@@ -11,7 +11,6 @@ from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 from tests.workers.conftest import workers_from_nothing
 
 from robomend.errors import DomainError, SolverError, WorkerDied
-from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
@@ -101,30 +100,12 @@ def test_a_planner_that_hangs_is_killed_and_stood_in_for(pool: PlannerPool) -> N
     assert plan(pool, "hangs", timeout_s=4.0) == JAGUAR
 
 
-def supplied(devices: int) -> ComponentModel:
-    """A rail with a channel that feeds devices with a driver each."""
-    names = [f"d{number}" for number in range(devices)]
-    return ComponentModel(
-        "large",
-        {"rail": Hardware("rail", 1), **{name: Hardware(name, fed_by=("rail",)) for name in names}},
-        {f"n_{name}": Node(f"n_{name}", (name,)) for name in names},
-        {},
-    )
-
-
 def test_without_time_left_the_answer_is_that_it_gave_up(pool: PlannerPool) -> None:
     pool.plans_now(TEDUSAR, ALL_OFF, [POWER_UP], PlanOptions())
     options = PlanOptions(planner="hangs", timeout_s=0.05)
     found = pool.plans_now(TEDUSAR, ALL_OFF, [POWER_UP], options)[0]
     assert found.outcome is Outcome.GAVE_UP
     assert found.steps == ()
-
-
-def test_several_diagnoses_are_planned_in_one_call(pool: PlannerPool) -> None:
-    wanted = [["jaguar"], ["jaguar_node"], ["imu"]]
-    plans = pool.plans_now(TEDUSAR, [], wanted, PlanOptions())
-    assert [found.cost for found in plans] == [29, 4, 0]
-    assert plans[2].unreachable == ("imu: no known action makes it good (it has no power channel)",)
 
 
 def test_what_is_wrong_with_the_input_comes_back_as_such(pool: PlannerPool) -> None:

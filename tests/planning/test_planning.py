@@ -5,31 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tests.planning.robots import ALL_OFF, NODES, POWER_UP, TEDUSAR, texts
+from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 
-from robomend.errors import OptionRefused, UnknownComponent
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.domain.loading import shipped
-from robomend.planning.plan import Outcome, Plan
+from robomend.planning.plan import Outcome
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
 from robomend_client.literals import fails, holds
 
-
-def position(plan: Plan, text: str) -> int:
-    return texts(plan).index(text)
-
-
 # --- the paper's scenarios ------------------------------------------------------------------------
-
-
-def test_power_up_powers_the_devices_before_it_starts_their_drivers(planner: str) -> None:
-    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP, PlanOptions(planner=planner))
-    assert plan.outcome is Outcome.SOLVED
-    assert set(texts(plan)[:3]) == {f"power_up({name})" for name in ("jaguar", "hokuyo", "laser_alignment")}
-    assert set(texts(plan)[3:]) == {f"start_node({name})" for name in NODES}
-    assert position(plan, "start_node(hokuyo_node)") < position(plan, "start_node(hector_mapping)")
-    assert plan.cost == 3 * 10 + 9 * 3
-    assert plan.assumed == ()
 
 
 def test_each_diagnosis_is_planned_for_and_those_after_the_time_have_no_answer() -> None:
@@ -39,13 +23,6 @@ def test_each_diagnosis_is_planned_for_and_those_after_the_time_have_no_answer()
         assert [plan.outcome for plan in both] == [Outcome.SOLVED] * 2
     late = plans_for(TEDUSAR, seen, [["jaguar"], ["jaguar_node"]], PlanOptions(timeout_s=0.0))
     assert late[1].outcome is Outcome.GAVE_UP
-
-
-def test_steps_say_what_they_need_and_do_in_the_models_words() -> None:
-    step = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"]).steps[0]
-    assert set(step.preconditions) == {holds("off", "jaguar")}
-    assert {holds("on", "jaguar"), fails("off", "jaguar"), fails("bad", "jaguar")} <= set(step.effects)
-    assert {holds("bad", "jaguar_node"), fails("good", "jaguar_node")} <= set(step.effects)
 
 
 # --- what is assumed, left out, protected ---------------------------------------------------------
@@ -104,20 +81,6 @@ def test_what_a_supply_drags_along_is_restarted_in_quarantine_or_not() -> None:
     assert done == texts(plan_for(robot, (), ("supply",)))
 
 
-def test_nothing_shuts_a_protected_component_down_nor_what_feeds_it(planner: str) -> None:
-    hardware = {
-        "psu": Hardware("psu", 0),
-        "pc": Hardware("pc", 2, fed_by=("psu",)),
-        "arm": Hardware("arm", 1, fed_by=("psu",)),
-    }
-    robot = ComponentModel("r", hardware, {}, {})
-    free = plan_for(robot, [], ["psu"], PlanOptions(planner=planner))
-    assert "shutdown(psu)" in texts(free)
-    safe = plan_for(robot, [], ["psu", "arm"], PlanOptions(planner=planner, protected=("pc",)))
-    assert texts(safe) == []
-    assert "shutdown(psu) is refused: pc, which it feeds, is protected" in safe.unreachable[0]
-
-
 def test_what_hangs_on_a_supply_comes_back_with_it_and_its_drivers_restart(planner: str) -> None:
     """Without a channel of its own nothing else could bring it back; also through a hub without channel."""
     hardware = {
@@ -161,13 +124,6 @@ def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users
     assert texts(plan_for(robot, off, ["gps_b"], options)) == []
     quarantined = replace(options, expected_stopped=(), quarantined=("gps_b",))
     assert texts(plan_for(robot, off, ["gps_a"], quarantined)) == ["shutdown(gps_a)", "power_up(gps_a)"]
-
-
-def test_names_that_are_not_the_models_are_refused() -> None:
-    with pytest.raises(UnknownComponent, match="did you mean 'jaguar'"):
-        plan_for(TEDUSAR, [], ["jagaur"])
-    with pytest.raises(OptionRefused, match="choose one of"):
-        plan_for(TEDUSAR, [], ["jaguar"], PlanOptions(planner="graphplan"))
 
 
 def test_names_may_hold_what_pddl_cannot() -> None:

@@ -26,23 +26,6 @@ def test_a_last_resort_is_not_taken_first_because_it_is_short(planner: str) -> N
     assert texts(plan_for(TEDUSAR, [], ["imu"], options)) == ["call_operator(imu)"]
 
 
-USB = """
-(define (domain robot-repair)
-  (:types bus - object)
-  (:predicates (on_bus ?h - hardware ?b - bus))
-  (:action reset_usb
-    :parameters (?b - bus)
-    :precondition (exists (?h - hardware) (and (on_bus ?h ?b) (bad ?h)))
-    :effect (and
-      (forall (?h - hardware) (when (on_bus ?h ?b) (and (good ?h) (not (bad ?h)))))
-      (forall (?h - hardware ?n - node)
-        (when (and (on_bus ?h ?b) (drives ?n ?h)) (and (bad ?n) (not (good ?n)))))
-      (increase (total-cost) 5)))
-  (:objects usb1 - bus)
-  (:init (on_bus imu usb1)))
-"""
-
-
 def test_the_example_stops_a_driver_that_is_well_before_its_device_is_reset(planner: str) -> None:
     path = Path(__file__).parents[2] / "examples" / "actions" / "driver_first.pddl"
     recipe = path.read_text(encoding="utf-8")

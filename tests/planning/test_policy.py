@@ -31,11 +31,9 @@ MODE = step("set_mode", "low", effects=(holds("good", "driver"), fails("bad", "d
     ("policy", "taken", "said"),
     [
         (Policy(), POWER_UP, None),
-        (Policy(), OWN, None),
         (Policy(mode=Mode.OBSERVE), POWER_UP, "the policy for 'power_up' is 'observe'"),
         (Policy(actions={"shutdown": Mode.OBSERVE}), SHUTDOWN, "the policy for 'shutdown' is 'observe'"),
         (Policy(actions={"shutdown": Mode.OBSERVE}), POWER_UP, None),
-        (Policy(allowed=frozenset({"power_up"})), POWER_UP, None),
         (
             Policy(allowed=frozenset({"power_up", "start_node"})),
             SHUTDOWN,
@@ -63,14 +61,11 @@ def test_a_step_is_refused_for_a_reason_that_names_it(policy: Policy, taken: Ste
 @pytest.mark.parametrize(
     ("attempts", "steps", "refused"),
     [
-        ({}, [POWER_UP, STOP], None),
         ({"lidar": 2}, [POWER_UP], None),
         ({"lidar": 3}, [POWER_UP], "power_up(lidar)"),
-        ({"lidar": 3}, [STOP], None),
         ({"lidar": 2}, [SHUTDOWN, POWER_UP], "power_up(lidar)"),  # never left off half-way
         ({"usb1": 100}, [RESET], None),  # no component of the model
         ({"lidar_b": 3}, [OWN], "swap(lidar, lidar_b)"),
-        ({"driver": 2}, [MODE], None),
         ({"driver": 3}, [MODE], "set_mode(low)"),
         ({"driver": 2}, [STOP, MODE], "set_mode(low)"),
     ],
@@ -86,9 +81,7 @@ def test_the_limit_holds_for_a_plan_as_a_whole(
     ("mode", "actions", "steps", "wanted"),
     [
         (Mode.AUTO, {}, [POWER_UP], Mode.AUTO),
-        (Mode.APPROVE, {}, [POWER_UP], Mode.APPROVE),
         (Mode.AUTO, {"power_up": Mode.APPROVE}, [POWER_UP, STOP], Mode.APPROVE),
-        (Mode.AUTO, {"power_up": Mode.APPROVE}, [STOP], Mode.AUTO),
         (Mode.APPROVE, {"stop_node": Mode.AUTO}, [STOP], Mode.AUTO),
         (Mode.APPROVE, {"stop_node": Mode.AUTO}, [STOP, POWER_UP], Mode.APPROVE),
         (Mode.AUTO, {"stop_node": Mode.OBSERVE}, [STOP, POWER_UP], Mode.OBSERVE),
@@ -109,10 +102,8 @@ NOON = {"start": "12:00", "end": "13:00"}
     ("window", "moment", "inside"),
     [
         (NOON, "2026-11-18 12:00", True),
-        (NOON, "2026-11-18 12:59", True),
         (NOON, "2026-11-18 13:00", False),
         (NOON, "2026-11-18 11:59", False),
-        (NIGHT, "2026-11-20 21:59", False),
         (NIGHT, "2026-11-20 22:00", True),  # a Friday
         (NIGHT, "2026-11-21 04:29", True),
         (NIGHT, "2026-11-21 04:30", False),
@@ -127,10 +118,6 @@ def test_a_window_holds_from_its_start_to_before_its_end(
     now_ns = int(at.timestamp()) * 10**9
     assert Window.of(window).holds(now_ns) is inside
     assert Policy(windows=(Window.of(window),)).may_begin(now_ns) is inside
-
-
-def test_without_windows_any_time_is_right() -> None:
-    assert Policy().may_begin(0)
 
 
 def test_a_robot_s_configuration_becomes_its_policy() -> None:

@@ -8,20 +8,16 @@ import pytest
 from tests.planning.robots import texts
 
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
-from robomend.errors import DomainError, InputError, ModelError
+from robomend.errors import DomainError, ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.domain.loading import load_domain, shipped
 from robomend.planning.planning import PlanOptions, plan_for
-from robomend.planning.policy import Mode, Policy
 from robomend.planning.problem import Offer, Offers, repair_problem
 from robomend.planning.validation import validate
-from robomend.robots.configuring import check_names
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.readings import Symptom
-
-PLANNERS = ("pyperplan", "asp", "dijkstra")
 
 
 def model(remedies: str, more: str = "") -> ComponentModel:
@@ -43,7 +39,6 @@ remedies:
 CLEAR = model("  clear_costmap: {mends: planner}")
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
 def test_a_remedy_is_planned_by_its_own_name_before_a_dearer_restart(planner: str) -> None:
     plan = plan_for(CLEAR, [], ["planner"], PlanOptions(planner=planner))
     assert texts(plan) == ["clear_costmap(planner)"]
@@ -52,7 +47,6 @@ def test_a_remedy_is_planned_by_its_own_name_before_a_dearer_restart(planner: st
     assert {"stop_node(planner)", "start_node(planner)"} < set(texts(plan_for(CLEAR, [], ["planner"], other)))
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
 def test_what_does_not_run_or_rests_on_what_is_bad_is_not_asked(planner: str) -> None:
     options = PlanOptions(planner=planner)
     stopped = plan_for(CLEAR, [fails("running", "planner")], ["planner"], options)
@@ -64,7 +58,6 @@ def test_what_does_not_run_or_rests_on_what_is_bad_is_not_asked(planner: str) ->
     assert started.index in asked.after
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
 def test_a_remedy_says_what_must_restart_after_it_and_what_it_starts(planner: str) -> None:
     upsets = model("  reset_lidar: {mends: lidar, restarts: [driver]}")
     plan = plan_for(upsets, [], ["lidar"], PlanOptions(planner=planner))
@@ -104,15 +97,7 @@ def test_what_is_protected_is_not_restarted_by_a_remedy_and_may_be_asked() -> No
     assert "base is protected" in plan.unreachable[0]
 
 
-def test_allow_list_and_what_agents_offer_hold_for_each_by_its_name() -> None:
-    step = plan_for(CLEAR, [], ["planner"]).steps[0]
-    policy = Policy(Mode.AUTO, allowed=frozenset({"start_node"}))
-    assert "allow-list" in str(policy.refusal(step, {}, CLEAR.components))
-    check_names("allow", ["clear_costmap", "start_node"], load_domain(), CLEAR)
-    with pytest.raises(InputError, match=r"no action 'clear_costmaps'.*clear_costmap"):
-        check_names("allow", ["clear_costmaps"], load_domain(), CLEAR)
-    with pytest.raises(InputError):
-        check_names("allow", ["mend"], load_domain(), CLEAR)
+def test_what_agents_offer_holds_for_each_by_its_name() -> None:
     there = Offers((Offer("onboard", None, frozenset({"start_node:planner"})),), frozenset({"clear_costmap"}))
     plan = plan_for(CLEAR, [], ["planner"], PlanOptions(offers=there))
     assert "clear_costmap(planner)" not in texts(plan)

@@ -42,6 +42,11 @@ nodes:
   mapping: {publishes: {map: [scan]}}
 """
 
+BOOTS_AT_ONCE = MODEL.replace("channel: 7", "channel: 7, boot_s: 0.1").replace(
+    "channel: 3", "channel: 3, boot_s: 0.1"
+)
+"""Where nobody knows how long a device boots, the third start of its driver waits for a minute."""
+
 HARDWARE = {"base": "base_node", "lidar": "lidar_node"}
 NODES = ("base_node", "lidar_node", "mapping")
 OBSERVED = (
@@ -129,15 +134,18 @@ class Robot:
             device = next((d for d, n in HARDWARE.items() if n == parameter), None)
             self.connected[parameter] = device is not None and self.on[device]
 
-    def sentences(self) -> list[str]:
-        """Return what the observers see."""
+    def facts(self) -> dict[str, bool]:
+        """Return what is so and what is not, as far as somebody observes it."""
         odom = self.running["base_node"] and self.connected["base_node"] and self.on["base"]
         scan = self.running["lidar_node"] and self.connected["lidar_node"] and self.on["lidar"]
         good = {"odom": odom, "scan": scan, "map": scan and self.running["mapping"]}
         facts = {f"on({h})": v for h, v in self.on.items()}
         facts |= {f"running({n})": v for n, v in self.running.items()}
-        facts |= {f"ok({t})": v and t not in self.broken_topics for t, v in good.items()}
-        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+        return facts | {f"ok({t})": v and t not in self.broken_topics for t, v in good.items()}
+
+    def sentences(self) -> list[str]:
+        """Return what the observers say."""
+        return [fact if value else f"not {fact}" for fact, value in self.facts().items()]
 
     async def report(self) -> None:
         if not self.silent:
@@ -213,6 +221,19 @@ async def robot_on(
 
 
 @asynccontextmanager
+async def robot_of(
+    data: Path, kind: Callable[[Any, Any], Any] = Robot, source: str = MODEL, **changes: Any
+) -> AsyncIterator[tuple[Runtime, Any]]:
+    """Run a service, and a robot of this kind and model that is well, and all of which is observed."""
+    async with service(data) as runtime:
+        robot = kind(runtime.repairs, runtime.robots)
+        await put_robot(runtime, source, **{"observed": list(robot.facts()), **changes})
+        async with running(robot):
+            await robot.settled()
+            yield runtime, robot
+
+
+@asynccontextmanager
 async def running(robot: R) -> AsyncIterator[R]:
     """Let the robot report and act until the end."""
     tasks = [asyncio.create_task(robot.report_for_ever()), asyncio.create_task(robot.act_for_ever())]
@@ -260,9 +281,8 @@ async def repaired(
     **changes: Any,
 ) -> tuple[dict[str, Any], Any]:
     """Return the repair of a robot of which something breaks, once it has ended, and the robot."""
-    async with service(data) as runtime, robot_on(runtime, kind, **changes) as robot:
+    async with robot_of(data, kind, **changes) as (runtime, robot):
         robot.spoil = spoil
-        await robot.settled()
         breaks(robot)
         return await the_repair(runtime, timeout_s=timeout_s), robot
 

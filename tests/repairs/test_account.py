@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, service, the_repair
+from tests.repairs.robot import Robot, robot_of, the_repair
 
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.entry import Entry
@@ -154,8 +154,7 @@ def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
 async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_after_them(
     tmp_path: Path,
 ) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.connected["lidar_node"] = False  # silent: the device or its driver
         repair = await the_repair(runtime)
         told = (await runtime.repairs.repair(repair["id"]))["account"]
@@ -191,8 +190,7 @@ def test_a_repair_that_contradicted_an_arrow_says_so(tmp_path: Path) -> None:
             robot.broken_topics.clear()
 
     async def test() -> dict[str, Any]:
-        async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-            await robot.settled()
+        async with robot_of(tmp_path) as (runtime, robot):
             robot.kinds, robot.spoil = {"ok(scan)": Symptom.SILENT}, cured
             robot.onsets = {"not ok(scan)": time.time_ns() - 5 * 10**9}
             robot.broken_topics.add("scan")  # and the map goes on

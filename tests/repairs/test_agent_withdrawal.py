@@ -32,10 +32,7 @@ time.sleep(1000)
 """
 
 
-@pytest.mark.parametrize("how", ["cancel", "stop"])
-async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_again(
-    tmp_path: Path, how: str
-) -> None:
+async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_again(tmp_path: Path) -> None:
     laser = {
         "command": [sys.executable, "-c", LASER, str(tmp_path)],
         "ready": {"output": "ready"},
@@ -67,20 +64,14 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
             await eventually(starts, "it was started", 120)
             under_way = await latest([service], lambda repair: repair["state"] == "running", robot="tedusar")
             await latest([service], says_what_it_waits_for, robot="tedusar")
-            if how == "cancel":
-                await client.cancel(under_way["id"], "not now")
-            else:
-                await client.stop("people on the floor")
+            await client.stop("people on the floor")
             await eventually(lambda: not any(map(alive, starts())), "it was given up", 120)
             over = await latest([service], ended, robot="tedusar")
             assert (over["id"], over["state"]) == (under_way["id"], "cancelled")
             assert [step["result"] for step in over["plan"]] == [5]
             assert len(starts()) == 1
             (tmp_path / "may-start").touch()
-            if how == "cancel":
-                await client.start_repair("tedusar")
-            else:
-                await client.resume()
+            await client.resume()
             repair = await latest(
                 [service], lambda r: ended(r) and r["id"] != under_way["id"], robot="tedusar"
             )

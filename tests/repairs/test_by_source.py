@@ -11,6 +11,7 @@ import pytest
 from tests.repairs.robot import Robot, nothing_begins, robot_on, service
 from tests.waiting import eventually
 
+from robomend.repairs import calm
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
@@ -80,7 +81,10 @@ async def test_nothing_is_done_about_what_two_computers_contradict_each_other_ab
     assert robot.done == []
 
 
-async def test_where_the_deaf_one_is_believed_its_word_is_acted_upon(tmp_path: Path) -> None:
+async def test_where_the_deaf_one_is_believed_its_word_is_acted_upon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calm, "MOST_S", 1.0)
     async with service(tmp_path) as runtime, robot_on(runtime, TwoComputers, believe=["pc2"]) as robot:
         [found] = await contradicting(runtime, robot)
         assert "; pc2 is believed" in found

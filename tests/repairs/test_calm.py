@@ -15,7 +15,6 @@ from tests.repairs.robot import CONFIG, MODEL, put_robot, service
 from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Outcome, Plan, Step
 from robomend.repairs.calm import MOST_FLIPS, Calm
 from robomend.repairs.hearing import Hearing
 from robomend.robots.batches import Batch
@@ -129,16 +128,6 @@ async def test_what_lapsed_a_moment_ago_is_waited_for_and_what_has_long_is_not(t
         pending = calm._pending()
     assert pending.keys() == {SCAN}
     assert now_ns < pending[SCAN] < now_ns + 2 * S
-
-
-def planned(*acts: str) -> Plan:
-    """Return a plan that switches the lidar, as far as it matters here."""
-    off = {"shutdown": True, "power_up": False}
-    steps = tuple(
-        Step(n, act, ("lidar",), 1.0, (), (), (Literal(Atom("off", ("lidar",)), off[act]),))
-        for n, act in enumerate(acts)
-    )
-    return Plan(Outcome.SOLVED, steps, float(len(steps)), "none", frozenset(), (), (), (), 0.0)
 
 
 async def test_once_all_were_heard_what_rests_on_the_suspects_need_not_be_heard_again(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, robot_of, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.planning.quarantine import DEFAULT_PATIENCE
@@ -110,8 +110,7 @@ async def test_what_fails_again_within_its_observers_time_was_never_repaired(tmp
             if name == "start_node":
                 self.until_ns = CLOCK.now_ns() + 600_000_000
 
-    async with service(tmp_path) as runtime, robot_on(runtime, SoonBack, detection_s=1.0) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, SoonBack, detection_s=1.0) as (runtime, robot):
         robot.broken = True
         repair = await the_repair(runtime)
         repairs = await runtime.repairs.repairs("r1", before=None, limit=10)

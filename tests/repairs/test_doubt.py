@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from tests.repairs.remote import awaits, ended, latest, remote_robot, services
-from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
+from tests.repairs.robot import CONFIG, Robot, robot_of, robot_on, service, the_repair, with_recalibrate
 from tests.waiting import for_ever
 
 pytestmark = pytest.mark.anyio
@@ -126,7 +126,7 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
         return None
 
     config = with_recalibrate(TIMEOUT_S)
-    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 10.0}
+    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 2 * TIMEOUT_S}
     settings = ("--data", str(tmp_path))
 
     def gave_up(repair: dict[str, Any]) -> bool:
@@ -158,9 +158,8 @@ async def test_what_must_not_be_repeated_stays_a_question_whatever_the_diagnosis
         await given_up.wait()
         return None
 
-    async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(TIMEOUT_S)) as robot:
+    async with robot_of(tmp_path, **with_recalibrate(TIMEOUT_S)) as (runtime, robot):
         robot.spoil = without_an_answer
-        await robot.settled()
         robot.broken_topics.add("odom")
         asked = await the_repair(runtime, ended=False)
         assert asked["reason"] == (

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair
+from tests.repairs.robot import CONFIG, Robot, robot_of, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import InputError, NotFound, StateConflict
@@ -30,9 +30,8 @@ async def test_a_robot_that_looks_healthy_while_its_repair_is_open_is_in_use(tmp
         return 0
 
     patient = {name: {**how, "timeout_s": 100.0} for name, how in CONFIG["actions"].items()}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=patient) as robot:
+    async with robot_of(tmp_path, actions=patient) as (runtime, robot):
         robot.spoil = answers_late
-        await robot.settled()
         robot.running["mapping"] = False
         async with asyncio.timeout(60):
             await there.wait()
@@ -50,8 +49,7 @@ async def test_a_robot_that_looks_healthy_while_its_repair_is_open_is_in_use(tmp
 
 
 async def test_a_fault_that_the_robot_does_not_have_is_not_found(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, _):
         for fault, changes in (
             ("node-killed", {"component": "base"}),
             ("node-killed", {"topic": "map"}),

@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, repaired, robot_on, running, service, the_repair
+from tests.repairs.robot import (
+    CONFIG,
+    Robot,
+    repaired,
+    robot_of,
+    robot_on,
+    running,
+    service,
+    the_repair,
+)
 from tests.waiting import eventually
 
 from robomend.errors import InputError
@@ -19,7 +28,6 @@ from robomend.repairs import flapping
 from robomend.repairs.choosing import Chooser
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
-from robomend_client.literals import Atom
 
 pytestmark = pytest.mark.anyio
 
@@ -51,8 +59,7 @@ class WithMuteSuccessor(Robot):
 
 
 async def a_repair(path: Path, robot_class: type[Robot], **changes: Any) -> tuple[dict[str, Any], Robot]:
-    async with service(path) as runtime, robot_on(runtime, robot_class, **changes) as robot:
-        await robot.settled()
+    async with robot_of(path, robot_class, **changes) as (runtime, robot):
         assert isinstance(robot, WithMuteSuccessor)
         robot.die()
         return await the_repair(runtime), robot
@@ -160,8 +167,7 @@ async def test_a_fault_that_comes_and_goes_is_told_once_and_repaired_when_it_sta
     choose, stays = Chooser.choose_in_turn, False
     monkeypatch.setattr(flapping, "STEADY_S", 0.5)
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
 
         async def slow(chooser: Chooser, state: Any, result: Any, **options: Any) -> Any:
             """Plan for longer than the fault lasts, as long as it does not stay."""
@@ -228,8 +234,7 @@ class WithAgent(Robot):
 
 async def mended(path: Path, kind: Callable[..., WithAgent], **changes: Any) -> dict[str, Any]:
     """Return the repair of a robot whose node `mapping` has ended."""
-    async with service(path) as runtime, robot_on(runtime, kind, **changes) as robot:
-        await robot.settled()
+    async with robot_of(path, kind, **changes) as (runtime, robot):
         robot.running["mapping"] = False
         repair = await the_repair(runtime)
     assert robot.done[:1] == ["start_node(mapping)"]
@@ -302,8 +307,7 @@ async def test_since_in_the_services_future_confirms_nothing_before_it_is_seen(t
 
 
 async def test_since_after_the_batchs_own_time_is_refused_and_nothing_of_it_is_kept(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         before = runtime.robots.memory.states["r1"].obs.entries()
         robot.silent = True
         now_ns = CLOCK.now_ns()
@@ -312,20 +316,6 @@ async def test_since_after_the_batchs_own_time_is_refused_and_nothing_of_it_is_k
             await runtime.robots.observe("r1", late)
         after = runtime.robots.memory.states["r1"].obs.entries()
     assert {entry.literal for entry in after} == {entry.literal for entry in before}
-
-
-@pytest.mark.parametrize("minutes", [2, 5, 60])
-async def test_a_robot_whose_clock_is_minutes_ahead_is_told_so_and_not_believed(
-    tmp_path: Path, minutes: int
-) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        time_ns = CLOCK.now_ns() + minutes * 60 * S
-        with pytest.raises(
-            InputError, match="s ahead of this service's clock; 60 are allowed: set the sender's clock"
-        ):
-            await runtime.robots.observe("r1", Batch(["not ok(map)"], time_ns=time_ns, since=[time_ns]))
-        assert runtime.robots.memory.states["r1"].sight.value(Atom("ok", ("map",))) is True
 
 
 async def test_what_cannot_be_judged_while_what_is_blamed_fails_is_not_waited_for(tmp_path: Path) -> None:
@@ -350,9 +340,8 @@ async def test_what_cannot_be_judged_while_what_is_blamed_fails_is_not_waited_fo
         robot.connected["lidar_node"] &= cut
         return 0
 
-    async with service(tmp_path) as runtime, robot_on(runtime, Compares, observed_timeout_s=120.0) as robot:
+    async with robot_of(tmp_path, Compares, observed_timeout_s=120.0) as (runtime, robot):
         robot.spoil = hangs
-        await robot.settled()
         robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
     assert (repair["state"], len(repair["rounds"])) == ("repaired", 2), repair["reason"]

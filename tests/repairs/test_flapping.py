@@ -36,15 +36,6 @@ def begins(found: ReasonsToRepair, robot: Any) -> bool:
     return found.wait_s(robot, Policy(), Stop()) == 0.0
 
 
-def test_what_was_well_by_itself_often_within_a_minute_is_told_with_its_suspects() -> None:
-    found = Flapping()
-    assert [found.well_by_itself(LIDAR, 10.0 + n) for n in range(TIMES - 1)] == [None] * (TIMES - 1)
-    told = found.well_by_itself(MAP, 20.0)
-    assert told is not None
-    assert told.startswith(f"it comes and goes: {TIMES} times within 10 s ")
-    assert "suspects: driver, lidar, mapping. " in told
-
-
 def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() -> None:
     found = Flapping()
     for n in range(TIMES):

@@ -56,11 +56,6 @@ def many(parameters: int) -> str:
             DomainError,
             "domain:7: 'lidar_b' is neither a component of the model nor in (:objects …); did you mean",
         ),
-        (
-            {"protected": ["lydar"]},
-            InputError,
-            "protected: the model 'small' has no component 'lydar'; did you",
-        ),
     ],
 )
 async def test_what_can_never_work_is_refused_with_its_place_and_remedy(

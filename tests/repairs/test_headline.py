@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.repairs.robot import Robot, robot_on, service, the_repair
+from tests.repairs.robot import Robot, robot_of, the_repair
 
 from robomend.model.loading import load_text
 from robomend.planning.plan import action_title, action_titles, in_prose, power_note
@@ -229,9 +229,8 @@ async def test_while_its_restart_is_under_way_a_node_is_said_to_be_restarted(tmp
             await go_on.wait()
         return None
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = slowly
-        await robot.settled()
         robot.connected["lidar_node"] = False
         await begun.wait()
         [now] = await runtime.repairs.repairs("r1", before=None, limit=1)

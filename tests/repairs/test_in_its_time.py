@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ from tests.repairs.robot import (
     Robot,
     put_robot,
     repaired,
+    robot_of,
     robot_on,
-    running,
     service,
     the_repair,
     with_recalibrate,
@@ -25,7 +26,7 @@ from tests.waiting import eventually
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Overloaded
-from robomend.repairs import reasons
+from robomend.repairs import calm, reasons
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.looking import DENIED
 from robomend.repairs.robot_repairs import RobotRepairs
@@ -62,12 +63,6 @@ STARTS_S = 2.0
 """How long the robot's slow parts take; `effect_timeout_s` is 1 s."""
 
 
-async def put_model(runtime: Runtime, before: str, after: str) -> None:
-    assert before in MODEL
-    text = MODEL.replace(before, after)
-    await runtime.robots.models.put("small", text, format=None, expected=None, by="test")
-
-
 async def slow_driver(robot: Robot, name: str, parameter: str) -> int | None:
     """The lidar's driver needs its time until it speaks."""
     robot.do(name, parameter)
@@ -78,13 +73,11 @@ async def slow_driver(robot: Robot, name: str, parameter: str) -> int | None:
 
 
 async def test_a_node_has_the_time_that_the_model_says_it_needs(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        await put_model(runtime, "publishes: {scan: []}", "publishes: {scan: []}, start_s: 2")
-        async with robot_on(runtime) as robot:
-            robot.spoil = slow_driver
-            await robot.settled()
-            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
-            repair = await the_repair(runtime)
+    model = MODEL.replace("publishes: {scan: []}", "publishes: {scan: []}, start_s: 2")
+    async with robot_of(tmp_path, source=model) as (runtime, robot):
+        robot.spoil = slow_driver
+        robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+        repair = await the_repair(runtime)
     assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
 
 
@@ -139,13 +132,8 @@ async def test_a_driver_is_started_after_its_device_has_booted(tmp_path: Path) -
         robot.connected["base_node"] &= booted.is_set()
         return 0
 
-    async with service(tmp_path) as runtime:
-        await put_model(runtime, "base: {channel: 7}", "base: {channel: 7, boot_s: 2}")
-        async with robot_on(runtime) as robot:
-            robot.spoil = boots
-            await robot.settled()
-            robot.cut("base")
-            repair = await the_repair(runtime)
+    model = MODEL.replace("base: {channel: 7}", "base: {channel: 7, boot_s: 2}")
+    repair, robot = await repaired(tmp_path, lambda robot: robot.cut("base"), spoil=boots, source=model)
     assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN)
     assert [wait["names"] for wait in repair["waits"] if "base has booted" in wait["why"]] == [["base"]]
 
@@ -170,9 +158,8 @@ async def test_what_was_given_up_and_is_repairable_later_is_taken_up_again(
         return 0
 
     limits = {"attempts_per_hour": 100, "rounds": 1}
-    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+    async with robot_of(tmp_path, limits=limits) as (runtime, robot):
         robot.spoil = in_vain
-        await robot.settled()
         robot.connected["lidar_node"] = False
         given_up = await the_repair(runtime)
         there = True
@@ -203,8 +190,7 @@ async def test_a_repair_that_broke_is_begun_again_and_named_so_with_a_back_off(
         return await choose(chooser, *about, **options)
 
     monkeypatch.setattr(Chooser, "choose_in_turn", starved)
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.running["mapping"] = False
         first = await the_repair(runtime)
         second = await the_repair(runtime, after=first["id"])
@@ -276,8 +262,7 @@ async def test_an_action_has_the_time_that_its_configuration_or_its_agent_says(
 async def test_what_waits_for_a_yes_holds_up_no_other_fault(tmp_path: Path) -> None:
     """Power is given back with a yes only; a node that ends meanwhile is none of that person's business."""
     actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, actions=actions) as (runtime, robot):
         robot.cut("base")
         first = await the_repair(runtime, ended=False)
         robot.running["mapping"] = False
@@ -299,8 +284,11 @@ async def waits_for_the(device: str, runtime: Runtime) -> None:
             await asyncio.sleep(0.05)  # until the next look
 
 
-async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> None:
+async def test_while_a_device_boots_another_fault_is_mended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """And the driver is started after that all the same."""
+    monkeypatch.setattr(calm, "MEANWHILE_S", 1.0)
     booted = asyncio.Event()
 
     async def boots(robot: Robot, name: str, parameter: str) -> int | None:
@@ -308,18 +296,16 @@ async def test_while_a_device_boots_another_fault_is_mended(tmp_path: Path) -> N
         robot.connected["base_node"] &= booted.is_set()
         return 0
 
-    async with service(tmp_path) as runtime:
-        await put_model(runtime, "base: {channel: 7}", "base: {channel: 7, boot_s: 12}")
-        async with robot_on(runtime) as robot:
-            robot.spoil = boots
-            await robot.settled()
-            robot.cut("base")
-            await waits_for_the("base", runtime)
-            robot.running["mapping"] = False
-            await eventually(lambda: "start_node(mapping)" in robot.done, "the node is started")
-            assert robot.done == ["power_up(base)", "start_node(mapping)"]
-            booted.set()
-            repair = await the_repair(runtime, timeout_s=60.0)
+    model = MODEL.replace("base: {channel: 7}", "base: {channel: 7, boot_s: 4}")
+    async with robot_of(tmp_path, source=model) as (runtime, robot):
+        robot.spoil = boots
+        robot.cut("base")
+        await waits_for_the("base", runtime)
+        robot.running["mapping"] = False
+        await eventually(lambda: "start_node(mapping)" in robot.done, "the node is started")
+        assert robot.done == ["power_up(base)", "start_node(mapping)"]
+        booted.set()
+        repair = await the_repair(runtime)
     assert (repair["state"], robot.done.count("power_up(base)")) == ("repaired", 1)
     assert robot.done[-2:] == SHUT_DOWN[-2:]
 
@@ -335,9 +321,8 @@ async def test_a_driver_that_speaks_while_its_device_is_waited_for_is_neither_st
         robot.connected["base_node"] = False
         return 0
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = boots
-        await robot.settled()
         robot.cut("base")
         await waits_for_the("base", runtime)
         robot.do("start_node", "base_node")
@@ -359,9 +344,8 @@ async def test_a_driver_is_started_for_a_third_time_once_a_device_of_unknown_boo
         robot.connected["base_node"] &= robot.done.count("start_node(base_node)") >= 2
         return 0
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = boots
-        await robot.settled()
         robot.cut("base")
         await waits_for_the("base", runtime)
         repair = await the_repair(runtime)
@@ -381,13 +365,8 @@ async def test_a_driver_that_nobody_restarts_is_waited_for_until_its_device_has_
         asyncio.get_running_loop().call_later(4, robot.connected.update, {"base_node": True})
         return 0
 
-    async with service(tmp_path) as runtime:
-        await put_model(runtime, "base_node: {drives", "base_node: {restartable: false, drives")
-        async with robot_on(runtime) as robot:
-            robot.spoil = boots
-            await robot.settled()
-            robot.cut("base")
-            repair = await the_repair(runtime)
+    model = MODEL.replace("base_node: {drives", "base_node: {restartable: false, drives")
+    repair, robot = await repaired(tmp_path, lambda robot: robot.cut("base"), spoil=boots, source=model)
     assert (repair["state"], robot.done) == ("repaired", ["power_up(base)"]), repair["reason"]
     assert [one["helped"] for one in repair["rounds"]] == [True]
 
@@ -491,20 +470,12 @@ class SlowlyJudged(Robot):
 async def test_no_act_is_in_vain_before_a_slow_observer_has_settled(
     tmp_path: Path, kind: dict[str, Any]
 ) -> None:
-    async with service(tmp_path) as runtime:
-        await put_robot(
-            runtime,
-            SCANNER,
-            model="scanner",
-            observed=["on(lidar)", "running(lidar_node)", "ok(scan)"],
-            allow=["start_node", "stop_node"],
-        )
-        robot = SlowlyJudged(runtime.repairs, runtime.robots, **kind)
-        async with running(robot):
-            await robot.settled()
-            await robot.declared(runtime)
-            robot.mute = True
-            repair = await the_repair(runtime)
+    observed = ["on(lidar)", "running(lidar_node)", "ok(scan)"]
+    about = {"observed": observed, "allow": ["start_node", "stop_node"]}
+    async with robot_of(tmp_path, partial(SlowlyJudged, **kind), SCANNER, **about) as (runtime, robot):
+        await robot.declared(runtime)
+        robot.mute = True
+        repair = await the_repair(runtime)
     assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
     assert repair["state"] == "repaired", repair["reason"]
 
@@ -525,10 +496,9 @@ class Rebooting(Robot):
         super().do(name, parameter)
         self.speaks = self.running[parameter] and self.booted
 
-    def sentences(self) -> list[str]:
+    def facts(self) -> dict[str, bool]:
         runs = self.running["lidar_node"]
-        facts = {"running(lidar_node)": runs, "ok(scan)": runs and self.speaks}
-        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+        return {"running(lidar_node)": runs, "ok(scan)": runs and self.speaks}
 
 
 @pytest.mark.parametrize("ends", [True, False], ids=["its driver ends", "its driver is mute"])
@@ -536,18 +506,14 @@ async def test_a_driver_that_was_started_while_its_device_may_boot_is_started_la
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: bool
 ) -> None:
     monkeypatch.setattr(start_ups, "BOOTS_NS", 120 * 10**9)
-    async with service(tmp_path) as runtime:
-        acts = {name: CONFIG["actions"][name] for name in ("start_node", "stop_node")}
-        observed = ["running(lidar_node)", "ok(scan)"]
-        plugged = SCANNER.replace("{channel: 3}", "{}")  # nobody switches its power
-        await put_robot(runtime, plugged, model="scanner", observed=observed, actions=acts)
-        robot = Rebooting(runtime.repairs, runtime.robots, ends=ends)
-        async with running(robot):
-            await robot.settled()
-            robot.reboot()
-            await waits_for_the("lidar", runtime)
-            robot.booted = True
-            monkeypatch.setattr(start_ups, "BOOTS_NS", 0)
-            repair = await the_repair(runtime)
+    acts = {name: CONFIG["actions"][name] for name in ("start_node", "stop_node")}
+    plugged = SCANNER.replace("{channel: 3}", "{}")  # nobody switches its power
+    kind = partial(Rebooting, ends=ends)
+    async with robot_of(tmp_path, kind, plugged, actions=acts) as (runtime, robot):
+        robot.reboot()
+        await waits_for_the("lidar", runtime)
+        robot.booted = True
+        monkeypatch.setattr(start_ups, "BOOTS_NS", 0)
+        repair = await the_repair(runtime)
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done.count("start_node(lidar_node)") == 3

@@ -15,7 +15,7 @@ from tests.repairs.robot import (
     nothing_begins,
     put_robot,
     repaired,
-    robot_on,
+    robot_of,
     service,
     the_repair,
 )
@@ -28,8 +28,7 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_an_approval_counts_once_and_not_after_the_end(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="approve") as (runtime, robot):
         robot.cut("base")
         proposed = await the_repair(runtime, ended=False)
         await runtime.repairs.approve(proposed["id"], by="ann", reason="")
@@ -42,8 +41,7 @@ async def test_an_approval_counts_once_and_not_after_the_end(tmp_path: Path) -> 
 
 
 async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="approve") as (runtime, robot):
         robot.cut("base")
         proposed = await the_repair(runtime, ended=False)
         robot.do("power_up", "base")
@@ -58,8 +56,7 @@ async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_pat
 
 
 async def test_a_robot_of_which_only_a_part_is_known_is_not_called_healthy_again(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="approve") as (runtime, robot):
         robot.cut("base")
         await the_repair(runtime, ended=False)
         robot.silent = True
@@ -102,8 +99,7 @@ async def test_what_policy_forbids_is_not_begun_and_said_so(
 
 
 async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="observe") as (runtime, robot):
         robot.cut("base")
         await nothing_begins(runtime, 0.7)
         with pytest.raises(Refused, match="observe"):
@@ -117,8 +113,7 @@ async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
 
 async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: Path) -> None:
     actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, actions=actions) as (runtime, robot):
         robot.running["mapping"] = False
         assert (await the_repair(runtime))["state"] == "repaired"
         robot.cut("base")
@@ -130,8 +125,7 @@ async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: P
 async def test_outside_the_maintenance_windows_nothing_begins_by_itself(tmp_path: Path) -> None:
     now = datetime.now(UTC)
     closed = {"weekdays": [(now.weekday() + 3) % 7], "start": "00:00", "end": "23:59"}
-    async with service(tmp_path) as runtime, robot_on(runtime, windows=[closed]) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, windows=[closed]) as (runtime, robot):
         robot.cut("base")
         await nothing_begins(runtime, 0.7)
         await runtime.repairs.create("r1", bad=None, by="ann", reason="I am here")
@@ -140,8 +134,7 @@ async def test_outside_the_maintenance_windows_nothing_begins_by_itself(tmp_path
 
 
 async def test_a_diagnosis_that_does_not_hold_begins_no_repair(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, hold_s=1.0) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, hold_s=1.0) as (runtime, robot):
         robot.running["mapping"] = False
         await robot.settled()
         robot.running["mapping"] = True
@@ -169,8 +162,7 @@ async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its
                     return
                 await asyncio.sleep(0.02)
 
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="approve") as (runtime, robot):
         await declares(runtime, settling_s=120.0)
         robot.broken_topics.add("map")
         await diagnosed(runtime, healthy=False)
@@ -184,8 +176,7 @@ async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its
 
 
 async def test_a_flicker_withdraws_no_plan_that_waits_for_a_yes(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await robot.settled()
+    async with robot_of(tmp_path, policy="approve") as (runtime, robot):
         observes = {"ok(map)": (0.1, 2.0)}  # so long its observer may need to see it fail again
         await runtime.repairs.orders(
             "r1", host=None, wait_s=0.0, agent="observer", can=[], observes=observes, settled=None
@@ -217,9 +208,8 @@ async def test_after_the_policy_became_observe_the_running_repair_does_nothing_m
         return None
 
     patient = {name: {**action, "timeout_s": 60.0} for name, action in CONFIG["actions"].items()}
-    async with service(tmp_path) as runtime, robot_on(runtime, actions=patient) as robot:
+    async with robot_of(tmp_path, actions=patient) as (runtime, robot):
         robot.spoil = slow
-        await robot.settled()
         robot.cut("base")
         await begun.wait()
         etag = (await runtime.robots.memory.robot("r1")).stored.etag

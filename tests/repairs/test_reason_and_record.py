@@ -7,14 +7,13 @@ import random
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from tests.repairs.robot import (
+    BOOTS_AT_ONCE,
     CONFIG,
     HARDWARE,
-    MODEL,
     NODES,
     Robot,
     repaired,
@@ -24,9 +23,6 @@ from tests.repairs.robot import (
 )
 
 from robomend.api.runtime import Runtime
-from robomend.repairs.conclusions import Silent, end_of
-from robomend.repairs.execution_values import Ending
-from robomend.repairs.states import RepairTrigger
 from robomend.store import observations
 from robomend.store.records import Paging
 from robomend_bench.faults.trial import contradictions
@@ -45,11 +41,6 @@ QUICK: dict[str, Any] = {
         name: {**config, "effect_timeout_s": 0.4, "retries": 1} for name, config in CONFIG["actions"].items()
     },
 }
-
-BOOTS_AT_ONCE = MODEL.replace("channel: 7", "channel: 7, boot_s: 0.1").replace(
-    "channel: 3", "channel: 3, boot_s: 0.1"
-)
-"""Where nobody knows how long a device boots, the third start of its driver waits for a minute."""
 
 
 async def test_a_driver_that_ends_again_after_each_start_is_said_to(tmp_path: Path) -> None:
@@ -200,22 +191,3 @@ def test_a_contradiction_is_found(changes: dict[str, Any], literals: set[str], s
     assert len(found) == len(said), found
     for why, part in zip(found, said, strict=True):
         assert part in why
-
-
-def vain(reason: str, ending: Ending = Ending.EFFECT_MISSING) -> dict[str, Any]:
-    return {"ending": str(ending), "helped": False, "reason": reason, "plan": []}
-
-
-def silent(*rounds: dict[str, Any], why: str = "nobody reported ok(scan)") -> str:
-    trigger, reason = end_of(Silent(why), cast(Any, SimpleNamespace(reason="")), {"rounds": rounds})
-    assert trigger is RepairTrigger.NEEDS_PERSON
-    return reason
-
-
-def test_who_is_silent_is_told_after_what_was_tried_and_not_twice() -> None:
-    assert silent() == "nobody reported ok(scan)"
-    assert silent(vain("a failed")) == "a failed; nobody reported ok(scan)"
-    stale = vain("b was not seen, and nobody spoke", Ending.STALE)
-    assert silent(vain("a failed"), stale, why=stale["reason"]) == (
-        "tried, the last first: b was not seen, and nobody spoke; a failed"
-    )

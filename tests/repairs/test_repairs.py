@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import (
-    CONFIG,
-    SHUT_DOWN,
-    Robot,
-    answers,
-    put_robot,
-    repaired,
-    robot_on,
-    running,
-    service,
-    the_repair,
-)
+from tests.repairs.robot import SHUT_DOWN, Robot, answers, repaired, robot_of, running, service, the_repair
 
 from robomend.store import attempts, audit
 
 pytestmark = pytest.mark.anyio
 
 
-async def test_a_device_that_lost_power_is_repaired_in_one_plan(tmp_path: Path) -> None:
-    repair, robot = await repaired(tmp_path, lambda robot: robot.cut("base"))
+async def test_a_device_that_lost_power_is_repaired_in_one_plan_and_the_audit_log_says_why(
+    tmp_path: Path,
+) -> None:
+    async with robot_of(tmp_path) as (runtime, robot):
+        robot.cut("base")
+        repair = await the_repair(runtime)
+        page = await runtime.store.read(audit.page, robot="r1")
     assert repair["state"] == "repaired"
     assert repair["diagnosis"]["bad"] == ["base"]
     assert [step["state"] for step in repair["plan"]] == ["done"] * 3
     assert robot.done == SHUT_DOWN
     assert len(repair["rounds"]) == 1
+    sent = [entry for entry in page.items if entry.action == "action.sent"]
+    assert [entry.subject for entry in reversed(sent)] == SHUT_DOWN
+    assert all("base should be on" in entry.reason for entry in sent)
 
 
 async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_path: Path) -> None:
@@ -44,27 +42,16 @@ async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_p
     """
 
     class Circular(Robot):
-        def sentences(self) -> list[str]:
-            said = [
-                f"running({node})" if runs else f"not running({node})" for node, runs in self.running.items()
-            ]
-            return [
-                *said,
-                "ok(image)" if self.running["camera"] else "not ok(image)",
-                "not ok(map)",
-                "not ok(pose)",
-            ]
+        def facts(self) -> dict[str, bool]:
+            facts = {f"running({node})": runs for node, runs in self.running.items()}
+            return facts | {"ok(image)": self.running["camera"], "ok(map)": False, "ok(pose)": False}
 
         def do(self, name: str, parameter: str) -> None:
             self.running[parameter] = name == "start_node"
 
-    async with service(tmp_path) as runtime:
-        nodes = dict.fromkeys(("camera", "slam", "localizer"), True)
-        observed = [f"running({node})" for node in nodes] + ["ok(image)", "ok(map)", "ok(pose)"]
-        config = {**CONFIG, "model": "circular", "observed": observed}
-        await put_robot(runtime, model, **config)
-        async with running(Circular(runtime.repairs, runtime.robots, running=nodes | {"camera": False})):
-            repair = await the_repair(runtime)
+    kind = partial(Circular, running={"camera": False, "slam": True, "localizer": True})
+    async with robot_of(tmp_path, kind, model) as (runtime, _):
+        repair = await the_repair(runtime)
     assert (repair["state"], repair["reason"]) == (
         "repaired",
         "no component is blamed any more; "
@@ -80,27 +67,9 @@ async def test_the_paper_s_domain_needs_two_rounds_and_never_cycles_power(tmp_pa
     assert robot.done == SHUT_DOWN
 
 
-async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        robot.spoil = answers(0, "power_up")
-        await robot.settled()
-        robot.cut("base")
-        repair = await the_repair(runtime)
-        quarantined = await runtime.repairs.quarantined("r1")
-    assert repair["state"] == "escalated"
-    assert repair["reason"] == (
-        "power_up(base) answered 'done', but on(base) was not seen within 1 s (3 times); "
-        "no known repair: base left alone for a while, as its repairs keep failing or do not last"
-    )
-    assert list(quarantined) == ["base"]
-    assert robot.done.count("power_up(base)") == 3
-    assert "stop_node(base_node)" not in robot.done
-
-
 async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = answers(0, "start_node")
-        await robot.settled()
         bounds = {"bound_s": 60.0, "detect_s": 30.0}
         drill = await runtime.drills.create(
             "r1", fault="node-killed", component="mapping", topic=None, **bounds, by="ann", reason=""
@@ -117,13 +86,20 @@ async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tm
     assert (quarantined, remembered) == ({}, ())
 
 
-async def test_a_release_counts_although_the_service_ended_before_the_next_try(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+async def test_a_stuck_relay_ends_with_a_person_told_the_cause_whose_release_counts_across_a_restart(
+    tmp_path: Path,
+) -> None:
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = answers(0, "power_up")
-        await robot.settled()
         robot.cut("base")
         first = await the_repair(runtime)
         assert first["state"] == "escalated"
+        assert first["reason"] == (
+            "power_up(base) answered 'done', but on(base) was not seen within 1 s (3 times); "
+            "no known repair: base left alone for a while, as its repairs keep failing or do not last"
+        )
+        assert list(await runtime.repairs.quarantined("r1")) == ["base"]
+        assert robot.done == ["power_up(base)"] * 3
         await runtime.repairs.stop(by="ann", reason="the relay is being replaced")
         await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
         await asyncio.sleep(0.2)  # the release has reached the loop
@@ -154,9 +130,8 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
         return None
 
     limits = {"attempts_per_hour": 6, "rounds": 6}
-    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+    async with robot_of(tmp_path, limits=limits) as (runtime, robot):
         robot.spoil = dies_soon
-        await robot.settled()
         robot.running["mapping"] = False
         async with asyncio.timeout(100):
             while (repair := await the_repair(runtime))["state"] != "escalated":
@@ -182,9 +157,8 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
         await asyncio.sleep(1.0)  # what was on its way has arrived
         return None
 
-    async with service(tmp_path) as runtime, robot_on(runtime, observed_timeout_s=2.0) as robot:
+    async with robot_of(tmp_path, observed_timeout_s=2.0) as (runtime, robot):
         robot.spoil = silences
-        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
         quarantined = await runtime.repairs.quarantined("r1")
@@ -199,22 +173,10 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
     assert (quarantined, tried) == ({}, ())
 
 
-async def test_every_action_is_in_the_audit_log_with_its_cause(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
-        robot.cut("base")
-        await the_repair(runtime)
-        page = await runtime.store.read(audit.page, robot="r1")
-    sent = [entry for entry in page.items if entry.action == "action.sent"]
-    assert [entry.subject for entry in reversed(sent)] == SHUT_DOWN
-    assert all("base should be on" in entry.reason for entry in sent)
-
-
 async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         with monkeypatch.context() as broken:
             broken.setattr("robomend.repairs.live_repair.Prediction", lambda *_: 1 / 0)
             robot.cut("base")

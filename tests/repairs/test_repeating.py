@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import Robot, answers, repaired
+from tests.repairs.robot import BOOTS_AT_ONCE, Robot, answers, repaired
 
-from robomend.repairs.acts import Repeats, parameters_of
+from robomend.repairs.acts import Repeats
 from robomend_client.actions import FAILED, NO_PROGRAM, OK, REFUSED, Action, ActionResult
 from robomend_client.literals import Literal, fails, holds
 
@@ -21,15 +21,6 @@ def done(repeats: Repeats, times: int, result: ActionResult, known: tuple[Litera
         repeats.sent(START, known)
         repeats.answered(START, result)
     return repeats.why_not(str(START), START.parameters, known)
-
-
-def test_an_act_is_done_three_times_and_then_named_without_the_answer_that_its_round_has() -> None:
-    repeats = Repeats()
-    assert done(repeats, 2, ActionResult(OK)) is None
-    assert done(repeats, 1, ActionResult(FAILED, "busy")) == (
-        "it was done 3 times in this repair, and nothing else was observed since"
-    )
-    assert [text for text, _ in repeats.exhausted(MUTE)] == ["start_node(planner)"]
 
 
 @pytest.mark.parametrize(
@@ -70,14 +61,6 @@ def test_after_a_crash_what_is_on_disk_counts() -> None:
     assert Repeats([{**twice, "result": NO_PROGRAM}]).exhausted(MUTE) != ()
 
 
-@pytest.mark.parametrize(
-    ("text", "parameters"),
-    [("start_node(planner)", ("planner",)), ("swap(a, b)", ("a", "b")), ("home()", ())],
-)
-def test_the_parameters_of_an_act_are_read_from_its_text(text: str, parameters: tuple[str, ...]) -> None:
-    assert parameters_of(text) == parameters
-
-
 @pytest.mark.anyio
 async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_why(tmp_path: Path) -> None:
     repair, robot = await repaired(
@@ -91,23 +74,13 @@ async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_w
     )
 
 
-def test_what_cures_no_better_the_next_time_is_done_once_unless_something_else_is_seen() -> None:
-    repeats = Repeats()
-    assert done(repeats, 1, ActionResult(OK)) is None
-    repeats.in_vain([str(START), "never_done(planner)"])
-    assert repeats.exhausted(MUTE) == (
-        (str(START), "it was done in this repair without help, and nothing else was observed since"),
-    )
-    changed = (holds("ok", "path"),)
-    assert repeats.exhausted(changed) == ()
-    assert done(repeats, 1, ActionResult(OK), changed) is None
-
-
 @pytest.mark.anyio
 async def test_a_device_that_comes_back_dead_loses_its_power_once_and_its_driver_is_tried_once_more(
     tmp_path: Path,
 ) -> None:
-    repair, robot = await repaired(tmp_path, lambda robot: robot.broken_topics.add("odom"), timeout_s=120)
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.broken_topics.add("odom"), source=BOOTS_AT_ONCE
+    )
     assert repair["state"] == "escalated"
     assert robot.done.count("shutdown(base)") == robot.done.count("power_up(base)") == 1
     assert robot.done.count("start_node(base_node)") == 3
@@ -129,7 +102,7 @@ async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restar
         return None
 
     repair, robot = await repaired(
-        tmp_path, lambda robot: robot.broken_topics.add("odom"), spoil=spoil, timeout_s=120
+        tmp_path, lambda robot: robot.broken_topics.add("odom"), spoil=spoil, source=BOOTS_AT_ONCE
     )
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done == [

@@ -8,28 +8,9 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import Robot, robot_on, service, the_repair
+from tests.repairs.robot import Robot, robot_of, the_repair
 
-from robomend.repairs.remembering import surely_broken
 from robomend.store import attempts
-from robomend.store.records import StoredAttempt, StoredRepair
-
-
-def attempt(repair: str, name: str, at_ns: int, *, helped: bool) -> StoredAttempt:
-    data = {"certain": [name], "repaired": [name]}
-    return StoredAttempt("r1", (name,), (), helped, True, repair, at_ns, data)
-
-
-def test_what_was_surely_broken_counts_until_it_helped_and_as_long_as_the_repair_is_open() -> None:
-    def of(*tried: StoredAttempt, open: bool = True) -> frozenset[str]:
-        return surely_broken(tried, StoredRepair("r-2", 1, "r1", "planning", open, {}, 0, 0))
-
-    a, b = attempt("r-2", "a", 1, helped=False), attempt("r-2", "b", 2, helped=False)
-    assert of(b, a) == {"a", "b"}
-    assert of(attempt("r-2", "a", 3, helped=True), b, a) == {"b"}
-    assert of(attempt("r-1", "a", 1, helped=False)) == frozenset()
-    assert of(b, a, open=False) == frozenset()
-    assert surely_broken([a], None) == frozenset()
 
 
 def first_one_mute() -> Callable[[Robot, str, str], Awaitable[int | None]]:
@@ -49,8 +30,7 @@ def first_one_mute() -> Callable[[Robot, str, str], Awaitable[int | None]]:
 
 @pytest.mark.anyio
 async def test_a_mute_successor_is_replaced_before_its_device_is_suspected(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = first_one_mute()
         robot.running["lidar_node"] = robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
@@ -75,8 +55,7 @@ async def test_a_device_that_hangs_behind_the_ended_driver_is_cycled_after_a_sec
         robot.running[parameter] = True  # and finds no device
         return 0
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await robot.settled()
+    async with robot_of(tmp_path) as (runtime, robot):
         robot.spoil = hangs_until_cycled
         robot.running["lidar_node"] = robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.repairs.robot import Robot, put_robot, robot_on, running, service, the_repair
+from tests.repairs.robot import Robot, robot_of, robot_on, service, the_repair
 
 from robomend.model.loading import load_text
 from robomend.planning.advice import parts_of
@@ -49,14 +51,14 @@ class OneBus(Robot):
         following = self.cameras[(self.cameras.index(parameter) + 1) % len(self.cameras)]
         asyncio.get_running_loop().call_later(self.after_s, self.lose, following)
 
-    def sentences(self) -> list[str]:
+    def facts(self) -> dict[str, bool]:
         facts = {f"running({one})": one in self.up for one in self.cameras}
-        facts |= {f"ok(img_{one[-1]})": one in self.has for one in self.cameras}
-        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+        return facts | {f"ok(img_{one[-1]})": one in self.has for one in self.cameras}
 
-    def model(self) -> str:
-        nodes = "".join(f"  {one}: {{publishes: {{img_{one[-1]}: []}}}}\n" for one in self.cameras)
-        return f"robomend: 1\nname: bus\nnodes:\n{nodes}"
+
+def bus(cameras: Sequence[str] = CAMERAS[:2]) -> str:
+    nodes = "".join(f"  {one}: {{publishes: {{img_{one[-1]}: []}}}}\n" for one in cameras)
+    return f"robomend: 1\nname: bus\nnodes:\n{nodes}"
 
 
 @pytest.mark.parametrize(
@@ -75,18 +77,14 @@ class OneBus(Robot):
     ids=["mute", "ended", "later", "three in a circle"],
 )
 async def test_repairs_that_undo_each_other_end_as_soon_as_they_begin_anew(
-    tmp_path: Path, kind: dict[str, object], told: str, starts: int
+    tmp_path: Path, kind: dict[str, Any], told: str, starts: int
 ) -> None:
-    async with service(tmp_path) as runtime:
-        robot = OneBus(runtime.repairs, runtime.robots, **kind)  # type: ignore[arg-type]  # fields by name
-        observed = [one.removeprefix("not ") for one in robot.sentences()]
-        await put_robot(runtime, robot.model(), model="bus", observed=observed)
-        async with running(robot):
-            await robot.settled()
-            robot.lose("cam_a")
-            repair = await the_repair(runtime)
-            while repair["state"] == "repaired":
-                repair = await the_repair(runtime, after=repair["id"])
+    model = bus(kind.get("cameras", CAMERAS[:2]))
+    async with robot_of(tmp_path, partial(OneBus, **kind), model) as (runtime, robot):
+        robot.lose("cam_a")
+        repair = await the_repair(runtime)
+        while repair["state"] == "repaired":
+            repair = await the_repair(runtime, after=repair["id"])
     assert repair["state"] == "escalated"
     assert repair["reason"].startswith(f"{told}; ")
     assert len([one for one in robot.done if one.startswith("start_node")]) == starts
@@ -104,14 +102,9 @@ async def test_what_fails_beside_a_repair_and_not_by_it_is_repaired_too(tmp_path
             if not self.done or (camera == "cam_b" and "cam_b" not in self.lost):
                 super().lose(camera)
 
-    async with service(tmp_path) as runtime:
-        robot = Two(runtime.repairs, runtime.robots)
-        observed = [one.removeprefix("not ") for one in robot.sentences()]
-        await put_robot(runtime, robot.model(), model="bus", observed=observed)
-        async with running(robot):
-            await robot.settled()
-            robot.lose("cam_a")
-            repair = await the_repair(runtime)
+    async with robot_of(tmp_path, Two, bus()) as (runtime, robot):
+        robot.lose("cam_a")
+        repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
     assert robot.done[-1] == "start_node(cam_b)"
 
@@ -126,20 +119,12 @@ nodes:
 """
 
 
-@dataclass
 class InTurn(OneBus):
     """Its cameras fail when they are told to, whatever is done to the other one."""
-
-    hub: bool = False  # feeds both
 
     def do(self, name: str, parameter: str) -> None:
         (self.up.add if name == "start_node" else self.up.discard)(parameter)
         (self.has.add if name == "start_node" else self.has.discard)(parameter)
-
-    def model(self) -> str:
-        if not self.hub:
-            return super().model()
-        return HUB
 
 
 @pytest.mark.parametrize(("hub", "ends"), [(False, "repaired"), (True, "escalated")])
@@ -149,17 +134,12 @@ async def test_who_the_model_knows_no_way_between_is_accused_on_more_than_one_tu
     """Each of two fails by itself as the other one was just restarted. Where one hub feeds both, the model
     knows a way from one to the other, and once is enough.
     """
-    async with service(tmp_path) as runtime:
-        robot = InTurn(runtime.repairs, runtime.robots, hub=hub)
-        observed = [one.removeprefix("not ") for one in robot.sentences()]
-        await put_robot(runtime, robot.model(), model="bus", observed=observed)
-        async with running(robot):
-            await robot.settled()
-            before = ""
-            for camera in "aba":
-                robot.lose(f"cam_{camera}")
-                repair = await the_repair(runtime, after=before)
-                before = repair["id"]
+    async with robot_of(tmp_path, InTurn, HUB if hub else bus()) as (runtime, robot):
+        before = ""
+        for camera in "aba":
+            robot.lose(f"cam_{camera}")
+            repair = await the_repair(runtime, after=before)
+            before = repair["id"]
     assert repair["state"] == ends, repair["reason"]
     accused = "restarting cam_a breaks cam_b, and the other way round"
     assert (accused in repair["reason"]) == hub
@@ -168,19 +148,14 @@ async def test_who_the_model_knows_no_way_between_is_accused_on_more_than_one_tu
 async def test_faults_of_their_own_that_come_in_turn_are_not_blamed_on_each_others_repairs(
     tmp_path: Path,
 ) -> None:
-    async with service(tmp_path) as runtime:
-        robot = InTurn(runtime.repairs, runtime.robots)
-        observed = [one.removeprefix("not ") for one in robot.sentences()]
-        await put_robot(runtime, robot.model(), model="bus", observed=observed)
-        async with running(robot):
-            await robot.settled()
-            before = ""
-            for camera, after_s in (("a", 0.0), ("b", 1.3), ("a", 1.3), ("b", 2.6), ("a", 2.6)):
-                await asyncio.sleep(after_s)  # what it does by itself, and when, is the case
-                robot.lose(f"cam_{camera}")
-                repair = await the_repair(runtime, after=before)
-                before = repair["id"]
-                assert (repair["state"], robot.done[-1]) == ("repaired", f"start_node(cam_{camera})")
+    async with robot_of(tmp_path, InTurn, bus()) as (runtime, robot):
+        before = ""
+        for camera, after_s in (("a", 0.0), ("b", 1.3), ("a", 1.3), ("b", 2.6), ("a", 2.6)):
+            await asyncio.sleep(after_s)  # what it does by itself, and when, is the case
+            robot.lose(f"cam_{camera}")
+            repair = await the_repair(runtime, after=before)
+            before = repair["id"]
+            assert (repair["state"], robot.done[-1]) == ("repaired", f"start_node(cam_{camera})")
 
 
 def _in_turn(chance: random.Random, breaks_s: float | None) -> Iterator[tuple[list[Attempt], Attempt]]:
@@ -208,7 +183,7 @@ def _in_turn(chance: random.Random, breaks_s: float | None) -> Iterator[tuple[li
             fails_s["cam_b" if name == "cam_a" else "cam_a"] = sent_s[1] + breaks_s + chance.uniform(0, 0.2)
 
 
-@pytest.mark.parametrize(("model", "most", "soon"), [(HUB, 15, 4), (OneBus.model(OneBus(None, None)), 3, 5)])
+@pytest.mark.parametrize(("model", "most", "soon"), [(HUB, 15, 4), (bus(), 3, 5)])
 def test_two_that_flap_by_themselves_do_not_accuse_each_other_and_two_that_break_each_other_do(
     model: str, most: int, soon: int
 ) -> None:
@@ -274,27 +249,21 @@ class Managed(Robot):
     def take_down(self) -> None:
         self.running = dict.fromkeys(MANAGED, False)
 
-    def sentences(self) -> list[str]:
+    def facts(self) -> dict[str, bool]:
         runs = self.running
         maps = runs["map_server"]
         plans = maps and runs["planner"]
         facts = {f"running({name})": value for name, value in runs.items()}
-        facts |= {"ok(map)": maps, "ok(plan)": plans, "ok(cmd)": plans and runs["controller"]}
-        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+        return facts | {"ok(map)": maps, "ok(plan)": plans, "ok(cmd)": plans and runs["controller"]}
 
 
 async def test_what_goes_down_together_after_each_start_is_started_twice_and_told_so(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime:
-        robot = Managed(runtime.repairs, runtime.robots)
-        observed = [one.removeprefix("not ") for one in robot.sentences()]
-        await put_robot(runtime, BOND, model="bond", observed=observed, detection_s=0.5)
-        async with running(robot):
-            await robot.settled()
-            robot.running["planner"] = False
-            robot.noticed_in(0.3)
-            repair = await the_repair(runtime)
-            while repair["state"] == "repaired":
-                repair = await the_repair(runtime, after=repair["id"])
+    async with robot_of(tmp_path, Managed, BOND, detection_s=0.5) as (runtime, robot):
+        robot.running["planner"] = False
+        robot.noticed_in(0.3)
+        repair = await the_repair(runtime)
+        while repair["state"] == "repaired":
+            repair = await the_repair(runtime, after=repair["id"])
     assert repair["state"] == "escalated"
     together = "controller and map_server and planner go down again together soon after each start; "
     assert repair["reason"].startswith(together)

@@ -57,13 +57,12 @@ class ScannerRobot(Robot):
             wanted = self.chosen.read_text().split()[-1] if self.chosen.exists() else "lidar"
             self.read = wanted if self.running[parameter] and self.powered[wanted] else None
 
-    def sentences(self) -> list[str]:
+    def facts(self) -> dict[str, bool]:
         if self.read is not None and not self.powered[self.read]:
             self.read = None  # a connection that broke stays broken
         scan = self.running["lidar_node"] and self.read is not None
         facts = {f"running({node})": runs for node, runs in self.running.items()}
-        facts |= {"ok(scan)": scan, "ok(map)": scan and self.running["mapping"]}
-        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+        return facts | {"ok(scan)": scan, "ok(map)": scan and self.running["mapping"]}
 
     async def settled(self) -> None:
         await eventually(lambda: self.powered, "the power of its devices")

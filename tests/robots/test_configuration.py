@@ -13,7 +13,6 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from robomend.api.schemas.robots import BoardBody, ExpectedCurrentBody, RobotBody
-from robomend.robots import configuration
 from robomend.robots.configuration import RobotConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,10 +97,3 @@ def test_each_setting_and_its_default_is_on_the_page(path: tuple[str, ...]) -> N
 def test_the_page_has_no_other_setting() -> None:
     named = {name.partition(".")[0] for row in ROWS for name in re.findall(r"`([\w.]+)`", row[0])}
     assert named == RobotBody.model_fields.keys()
-
-
-def test_the_recipe_names_three_places_that_all_settings_have() -> None:
-    recipe = (configuration.__doc__ or "").partition("To add a setting of a robot:")[2]
-    assert re.findall(r"\b(\d)\. ", recipe) == ["1", "2", "3"]
-    for file in ("robomend/api/schemas/robots.py", "docs/http.md", "tests/robots/test_configuration.py"):
-        assert file in recipe

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property
 from itertools import combinations, product
 
 import pytest
 from hypothesis import given, settings
-from tests.diagnosis.isolability.by_definition import ByDefinition, least_cost
-from tests.diagnosis.isolability.models import definite, questions
-from tests.diagnosis.systems import model
+from hypothesis import strategies as st
+from tests.diagnosis.systems import model, systems
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.isolability import analysis
@@ -18,10 +20,113 @@ from robomend.diagnosis.isolability.comparing import BySearch, Definite, Fault, 
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel
-from robomend.model.cnf import HealthCnf
+from robomend.model.cnf import Clause, HealthCnf
 from robomend.model.loading import load_model
 from robomend_bench.suite import DATA
 from robomend_client.literals import Atom, Literal
+
+Seen = tuple[bool, ...]
+
+
+class ByDefinition:
+    """What can be seen of every fault set, over some observed variables."""
+
+    def __init__(self, cnf: HealthCnf, observed: Iterable[int]) -> None:
+        self.cnf = cnf
+        self.observed = sorted(observed)
+
+    @cached_property
+    def shown(self) -> dict[frozenset[int], set[Seen]]:
+        """Fault set -> Obs(F): the projections of the models in which just its components are abnormal."""
+        count = len(self.cnf.components)
+        found: dict[frozenset[int], set[Seen]] = {}
+        for signs in product((False, True), repeat=self.cnf.variables):
+            if all(any(signs[abs(x) - 1] == (x > 0) for x in clause) for clause in self.cnf.clauses):
+                bad = frozenset(c for c in range(1, count + 1) if not signs[c - 1])
+                found.setdefault(bad, set()).add(tuple(signs[v - 1] for v in self.observed))
+        return found
+
+    def of(self, fault: Iterable[int]) -> set[Seen]:
+        return self.shown.get(frozenset(fault), set())
+
+    def diagnosed(self, fault: Sequence[int]) -> set[Seen]:
+        """Return the observations of which a fault is a minimal diagnosis."""
+        less = [frozenset(some) for size in range(len(fault)) for some in combinations(fault, size)]
+        return self.of(fault) - set().union(*map(self.of, less))
+
+    def detectable(self, fault: Sequence[int]) -> bool:
+        return bool(self.diagnosed(fault))
+
+    def told(self, fault: Sequence[int], rival: Sequence[int]) -> bool:
+        return bool(self.diagnosed(fault) - self.of(rival))
+
+    def always(self, fault: Sequence[int], rival: Sequence[int]) -> bool:
+        return not self.diagnosed(fault) & self.of(rival)
+
+    def place(self, fault: Sequence[int], rival: Sequence[int]) -> str:
+        """Return what the matrix has to say."""
+        if fault == rival:
+            return "="
+        if not self.told(fault, rival):
+            return "-"
+        return "+" if self.always(fault, rival) else "~"
+
+
+def least_cost(
+    cnf: HealthCnf,
+    observed: Sequence[int],
+    goals: Sequence[tuple[Sequence[int], Sequence[int] | None]],
+) -> float | None:
+    """Return the least cost of further atoms that reach each goal that all atoms together reach."""
+    atoms = {variable: atom for atom, variable in cnf.atom_variable.items()}
+    left = sorted(set(atoms) - set(observed))
+
+    def reached(goal: tuple[Sequence[int], Sequence[int] | None], by: ByDefinition) -> bool:
+        fault, rival = goal
+        return by.detectable(fault) if rival is None else by.told(fault, rival)
+
+    everything = ByDefinition(cnf, [*observed, *left])
+    within = [goal for goal in goals if reached(goal, everything)]
+    if not within:
+        return None
+    best: float | None = None
+    for size in range(len(left) + 1):
+        for more in combinations(left, size):
+            cost = sum(cnf.costs.get(atoms[variable], 1.0) for variable in more)
+            if best is None or cost < best:
+                by = ByDefinition(cnf, [*observed, *more])
+                if all(reached(goal, by) for goal in within):
+                    best = cost
+    return best
+
+
+MOST_ATOMS = 6
+
+
+@st.composite
+def definite(draw: st.DrawFn) -> HealthCnf:
+    """Draw a model with at most one definite rule an atom; atoms may need one another in circles."""
+    components = draw(st.integers(2, 4))
+    atoms = draw(st.integers(2, MOST_ATOMS))
+    clauses: list[Clause] = []
+    for head in range(components + 1, components + atoms + 1):
+        needed = draw(st.lists(st.integers(1, components + atoms), min_size=0, max_size=4, unique=True))
+        if needed and head not in needed:
+            clauses.append((*(-variable for variable in needed), head))
+    return model(components, clauses, atoms)
+
+
+@st.composite
+def questions(draw: st.DrawFn) -> tuple[HealthCnf, list[int]]:
+    """Draw a model with costs, and the variables that are observed: some atoms, at least one."""
+    cnf = draw(st.one_of(definite(), definite(), systems().map(lambda drawn: drawn[0])))
+    mentioned = {abs(literal) for clause in cnf.clauses for literal in clause}
+    atoms = list(cnf.atom_variable.values())
+    observed = draw(st.lists(st.sampled_from(atoms), min_size=1, max_size=len(atoms), unique=True))
+    prices = st.sampled_from((0.5, 1.0, 2.0, 3.0))
+    costs = {atom: draw(prices) for atom, variable in cnf.atom_variable.items() if variable in mentioned}
+    return replace(cnf, costs=costs), sorted(observed)
+
 
 Question = tuple[HealthCnf, list[int]]
 

@@ -24,21 +24,8 @@ def test_without_a_text_of_the_user_the_shipped_domain_is_meant() -> None:
     domain = load_domain()
     assert domain.schemas.keys() >= {"power_up", "shutdown", "start_node", "stop_node"}
     assert domain is load_domain("") is load_domain(None)
-    assert domain.static == {
-        "switchable",
-        "restartable",
-        "mends",
-        "asks",
-        "begins",
-        "rests_on",
-        "upsets",
-        "drives",
-        "loses",
-        "fed_by",
-        "hangs_on",
-        "needs",
-        "tied",
-    }
+    assert {"drives", "fed_by", "switchable"} <= domain.static
+    assert not {"on", "good", "running"} & domain.static
 
 
 def test_a_users_part_is_added_to_it() -> None:
@@ -64,7 +51,6 @@ REFUSED = {
     "a closing bracket first": (")", 1, "without its"),
     "words outside": ("domain robot-repair", 1, "outside of any bracket"),
     "nothing at all": ("; only a comment", 1, "no (define"),
-    "no define": ("(domain (define robot-repair))", 1, "expected (define (domain NAME) …)"),
     "no domain": ("(define (problem p) (:domain robot-repair))", 1, "expected (domain NAME)"),
     "another domain's name": (extension("", "robot"), 1, "actions are added to 'robot-repair'"),
     "an unknown section": (extension("(:axiom (on ?h))"), 2, "unknown section ':axiom'"),
@@ -80,7 +66,6 @@ REFUSED = {
         2,
         "unknown type 'hardwear'; did you mean 'hardware'",
     ),
-    "an unknown supertype": (extension("(:types lidar - sensor)"), 2, "unknown type 'sensor'"),
     "too many arguments": (extension(ACTION.format("(off ?h ?h)")), 2, "off takes 1 argument, found 2"),
     "an argument of another type": (
         extension("(:action a :parameters (?n - node)\n :precondition (off ?n) :effect (bad ?n))"),
@@ -92,8 +77,6 @@ REFUSED = {
         3,
         "'power_up' is declared twice",
     ),
-    "a predicate that is there already": (extension("(:predicates (drives ?x))"), 2, "declared twice"),
-    "a type that is there already": (extension("(:types node)"), 2, "declared twice"),
     "a type that is its own kind": (extension("(:types a - b b - a)"), 2, "is a kind of itself"),
     "a variable declared twice": (
         extension("(:action a :parameters (?h ?h - hardware) :effect (bad ?h))"),
@@ -112,8 +95,6 @@ REFUSED = {
     ),
     "a number in init": (extension("(:init (= (battery) 3))"), 2, "only function is (total-cost)"),
     "a fact without brackets": (extension("(:init jaguar)"), 2, "expected a fact such as"),
-    "a fact without a name": (extension("(:init ())"), 2, "expected a fact such as"),
-    "a name and nothing else": (extension("(:action a)"), 2, "has no :effect"),
     "no name": (extension("(:action)"), 2, "expected (:action NAME"),
     "no effect": (extension("(:action a :parameters (?h - hardware))"), 2, "has no :effect"),
     "an effect of nothing": (
@@ -126,18 +107,8 @@ REFUSED = {
         2,
         "adds (good ?c) and leaves (bad ?c); add (not (bad ?c))",
     ),
-    "a fact added and its opposite left, after another is deleted": (
-        extension("(:action a :parameters (?h - hardware) :effect (and (not (on ?h)) (off ?h) (good ?h)))"),
-        2,
-        "adds (good ?h) and leaves (bad ?h); add (not (bad ?h))",
-    ),
     "a cost that is a word": (
         extension("(:action a :parameters (?h - hardware) :effect (increase (total-cost) cheap))"),
-        2,
-        "from 0 up",
-    ),
-    "a cost that is computed": (
-        extension("(:action a :parameters (?h - hardware) :effect (increase (total-cost) (* 2 3)))"),
         2,
         "from 0 up",
     ),
@@ -148,7 +119,6 @@ REFUSED = {
         3,
         "only static predicates may guard an effect",
     ),
-    "a number": (extension("(:functions (battery ?h - hardware))"), 2, "only function is (total-cost)"),
     "a negative cost": (
         extension(
             "(:action a :parameters (?c - component) :effect (and (bad ?c) (not (good ?c))"

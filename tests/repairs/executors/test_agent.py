@@ -7,12 +7,14 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+from tests.repairs.executors.test_board import quiet
 from tests.store.examples import with_robots
 
-from robomend.errors import StateConflict
+from robomend.errors import Fenced, StateConflict
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.store import Store, agent_actions, global_stop
+from robomend.store.records import Fence
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -33,10 +35,6 @@ async def queue(store: Store) -> AsyncIterator[AgentQueue]:
     queue.start()
     yield queue
     await queue.close()
-
-
-def quiet(code: int, message: str) -> None:
-    pass
 
 
 def sent(store: Store, queue: AgentQueue, timeout_s: float, id: str = "r-1:0") -> asyncio.Task[ActionResult]:
@@ -127,3 +125,10 @@ async def test_nothing_is_handed_out_while_the_global_stop_is_active(store: Stor
     assert await queue.take("r1", "nuc", 30.0) is not None
     await queue.finish("r-1:0", OK, "started")
     assert (await result).ok
+
+
+async def test_nothing_is_queued_by_who_has_lost_the_robot(store: Store, queue: AgentQueue) -> None:
+    executor = AgentExecutor(queue, "r1", {}, fence=Fence("r1", 7))
+    with pytest.raises(Fenced):
+        await executor.execute(Action("r-1:0", "start_node", ("driver",), 30.0), quiet)
+    assert await store.read(agent_actions.waiting, "r1") == ()

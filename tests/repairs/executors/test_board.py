@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robomend.board.link import LinkState
-from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable, Fenced
 from robomend.repairs.executors.board import BoardExecutor
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
 
@@ -40,16 +40,13 @@ def quiet(code: int, message: str) -> None:
     pass
 
 
+async def lost() -> None:
+    """Find out that another instance has taken over."""
+    raise Fenced("r1 was taken over")
+
+
 def executor(board: Board) -> BoardExecutor:
     return BoardExecutor(board, {"jaguar": 7, "pc": 2}, {2: "nothing switches it off"})
-
-
-@pytest.mark.parametrize(("name", "on"), [("power_up", True), ("shutdown", False)])
-async def test_power_actions_switch_the_channel(name: str, on: bool) -> None:
-    board = Board()
-    done = await executor(board).execute(Action("r-1:0", name, ("jaguar",), 1.0), quiet)
-    assert done.code == OK
-    assert board.told == [(7, on)]
 
 
 async def test_a_protected_channel_is_never_switched_off() -> None:
@@ -73,7 +70,7 @@ async def test_the_board_s_errors_are_results(failure: BoardError, code: int) ->
     assert (done.code, done.message) == (code, str(failure))
 
 
-@pytest.mark.parametrize("action", [("start_node", ("jaguar",)), ("power_up", ("imu",)), ("power_up", ())])
+@pytest.mark.parametrize("action", [("start_node", ("jaguar",)), ("power_up", ("imu",))])
 async def test_what_a_board_cannot_do_is_refused(action: tuple[str, tuple[str, ...]]) -> None:
     name, parameters = action
     done = await executor(Board()).execute(Action("r-1:0", name, parameters, 1.0), quiet)
@@ -86,6 +83,7 @@ async def test_what_was_switched_on_is_looked_at_at_once_and_what_is_off_stays_o
     assert board.asked == []
     assert (await executor(board).execute(Action("r-1:1", "power_up", ("jaguar",), 1.0), quiet)).ok
     assert board.asked == [(7, True)]
+    assert board.told == [(7, False), (7, True)]
 
 
 @pytest.mark.parametrize(
@@ -96,3 +94,12 @@ async def test_a_board_that_cannot_be_asked_has_switched_all_the_same(error: Boa
     board.deaf = error
     done = await executor(board).execute(Action("r-1:0", "power_up", ("jaguar",), 1.0), quiet)
     assert (done.code, board.told) == (OK, [(7, True)])
+
+
+async def test_who_has_lost_the_robot_switches_nothing() -> None:
+    board = Board()
+    with pytest.raises(Fenced):
+        await BoardExecutor(board, {"jaguar": 7}, {}, lost).execute(
+            Action("r-1:0", "power_up", ("jaguar",), 1.0), quiet
+        )
+    assert board.told == []

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib import import_module
-from pathlib import Path
 from typing import Any, cast
 
 import pytest
 from tests.repairs.executors.test_board import quiet
 
 from robomend.board.link import BoardLink
-from robomend.errors import InputError, OptionRefused
+from robomend.errors import InputError
 from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.executors import registry
-from robomend.repairs.executors.registry import EXECUTORS, Once, Surroundings, check, executors
+from robomend.repairs.executors.registry import Once, Surroundings, check, executors
 from robomend.robots.boards import WiredBoard
 from robomend_client.actions import Action, ActionResult, Feedback
-
-ROOT = Path(__file__).parents[3]
 
 NAMES = ("power_up", "shutdown", "start_node", "stop_node", "reset_usb")
 
@@ -47,11 +41,6 @@ AROUND = Surroundings(
 
 def by(kind: str, **options: Any) -> dict[str, Any]:
     return {"reset_usb": {"executor": {"kind": kind, "options": options}}}
-
-
-def kinds(configured: Mapping[str, Any], around: Surroundings = AROUND) -> dict[str, type]:
-    """Return action name -> class of its executor, below what answers a repeated id."""
-    return {name: type(one._executor) for name, one in executors(NAMES, configured, around).items()}  # type: ignore[attr-defined]  # every one is a Once
 
 
 @pytest.mark.parametrize(
@@ -96,31 +85,6 @@ def test_a_private_address_is_called_where_the_settings_name_its_host(hosts: tup
     check(by("webhook", url="http://10.0.0.1:8080/", secret="s"), around)
     with pytest.raises(InputError, match="private"):
         check(by("webhook", url="http://10.0.0.2:8080/", secret="s"), around)
-
-
-def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
-    said = f"no executor is named 'agnet': choose one of {', '.join(EXECUTORS.built_in)}"
-    with pytest.raises(OptionRefused, match=f"actions.reset_usb.executor.kind: {said}"):
-        check(by("agnet"), AROUND)
-    with pytest.raises(OptionRefused, match=said):  # one that is stored already, say
-        executors(NAMES, by("agnet"), AROUND)
-
-
-def test_every_kind_of_ours_can_be_loaded() -> None:
-    for kind in EXECUTORS.built_in:
-        assert callable(EXECUTORS.load(kind))
-
-
-def test_what_comes_with_us_is_in_the_three_places_of_the_recipe() -> None:
-    told = registry.__doc__ or ""
-    assert re.findall(r"\b(\d)\. ", told.partition("To add one:")[2]) == ["1", "2", "3"]
-    page = (ROOT / "docs" / "repair.md").read_text(encoding="utf-8")
-    for kind, place in EXECUTORS.built_in.items():
-        module = place.partition(":")[0]
-        assert module.startswith(registry.__name__.rpartition(".")[0])
-        assert callable(import_module(module).make)
-        assert re.search(rf"^    {kind}  ", told, re.MULTILINE), f"no line for {kind} at the head"
-        assert f"\n| `{kind}` | " in page, f"no row for {kind} in docs/repair.md"
 
 
 # --- a repeated action id gets the first result
