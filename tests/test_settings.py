@@ -11,6 +11,19 @@ from robomend.programs import Unfit, arguments, check_template
 from robomend.settings import Settings, SettingsError, load, shown
 
 
+def test_flags_win_over_environment_over_file_over_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    file.write_text("port: 1\nburst: 2\nlog_level: debug\n")
+    environment = {"ROBOMEND_PORT": "3", "ROBOMEND_BURST": "4", "ROBOMEND_WEBHOOK_HOSTS": "a:80,b"}
+    settings, sources = load({"port": 5, "host": None}, environment, file)
+    assert (settings.port, settings.burst, settings.log_level) == (5, 4, "debug")
+    assert settings.webhook_hosts == ("a:80", "b")
+    assert sources["port"] == "flag"
+    assert sources["burst"] == "environment ROBOMEND_BURST"
+    assert sources["log_level"] == str(file)
+    assert sources["host"] == "default"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
