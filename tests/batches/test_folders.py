@@ -33,19 +33,6 @@ def test_a_folder_that_is_made_is_never_taken_for_left_over(tmp_path: Path) -> N
         sweeper.join()
 
 
-def test_what_nobody_knows_or_holds_is_removed(tmp_path: Path) -> None:
-    folders = BatchFolders(tmp_path)
-    folders.place()
-    known, kept, _ = made = folders.make()
-    _, left, lock = folders.make()
-    _, held, _ = other = folders.make()
-    made[2].close()
-    lock.close()
-    assert folders.sweep(lambda: {known}) == 1
-    assert (kept.path.exists(), left.path.exists(), held.path.exists()) == (True, False, True)
-    other[2].close()
-
-
 @pytest.mark.parametrize(
     ("said", "shown"),
     [

@@ -9,7 +9,7 @@ import pytest
 from robomend.diagnosis.result import Options
 from robomend.errors import InputError, ObservationError, UnknownComponent
 from robomend.model.loading import load_text
-from robomend.oneshots.warm_model import given_diagnosis, question, sentences_of, supposing
+from robomend.oneshots.warm_model import question, sentences_of, supposing
 from robomend_client.literals import fails, holds
 
 ROBOT = load_text(
@@ -17,14 +17,6 @@ ROBOT = load_text(
     "values: {yaw: {topic: imu, field: z}}\nrules: ['not ab(gyro) -> inc(yaw)']\n"
 )
 WORDS = ROBOT.vocabulary
-
-
-def test_sentences_are_literals_or_assertions() -> None:
-    asked = question(["ok(imu) and not ok(odom)", "ok(imu) or ok(odom)"], WORDS)
-    assert asked.literals == {holds("ok", "imu"), fails("ok", "odom")}
-    assert [assertion.text for assertion in asked.assertions] == ["ok(imu) or ok(odom)"]
-    assert asked == question(["not ok(odom)", "ok(imu) or ok(odom)", "ok(imu)"], WORDS)
-    assert len({asked, question(["ok(imu)"], WORDS)}) == 2
 
 
 def test_what_is_said_later_replaces_what_it_contradicts_and_a_trend_the_other_trends() -> None:
@@ -49,13 +41,6 @@ def test_sentences_of_one_moment_may_not_contradict_one_another(sentences: list[
     assert question(["inc(yaw)", "not dec(yaw)", "inc(yaw)"], WORDS, opposites="refuse").literals == {
         holds("inc", "yaw"), fails("dec", "yaw"), fails("const", "yaw")
     }  # fmt: skip
-
-
-def test_sentences_that_cannot_be_read_are_refused() -> None:
-    for sentences in (["ok(imv)"], ["ok(imu"], ["ok(imv) or ok(imu)"], [3]):
-        with pytest.raises(ObservationError):
-            question(sentences, WORDS)  # type: ignore[arg-type]  # a number is what JSON may hold
-    assert question(["ok(imv)"], WORDS, unknown="keep").literals == {holds("ok", "imv")}
 
 
 @pytest.mark.parametrize(
@@ -87,10 +72,3 @@ def test_suppositions_are_of_components_of_the_model_and_one_way() -> None:
         supposing(replace(options, abnormal=frozenset({"gyr"})), ROBOT)
     with pytest.raises(InputError, match="gyro cannot be assumed healthy and abnormal"):
         supposing(replace(options, abnormal=frozenset({"gyro"})), ROBOT)
-
-
-def test_a_diagnosis_that_somebody_made_is_of_components_too() -> None:
-    result = given_diagnosis(["/base", "gyro", "base"], ROBOT)
-    assert [diagnosis.bad for diagnosis in result.diagnoses] == [("base", "gyro")]
-    with pytest.raises(UnknownComponent):
-        given_diagnosis(["nobody"], ROBOT)

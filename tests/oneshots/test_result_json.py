@@ -75,9 +75,3 @@ def test_the_time_can_be_exchanged_and_left_out(result: DiagnosisResult, elapsed
     other = json.loads(timed(timeless(text), elapsed_s))
     assert other == {**json.loads(text), "elapsed_s": round(elapsed_s, 6)}
     assert timeless(text) == timeless(result_text(replace(result, elapsed_s=elapsed_s), quoted))
-
-
-def test_good_is_what_is_not_bad_in_the_order_of_the_model() -> None:
-    result = DiagnosisResult(("c", "a", "b"), (Diagnosis(("b", "c")), Diagnosis(())), True, None, (), 0.0)
-    first, second = result_json(result)["diagnoses"]
-    assert (first["bad"], first["good"], second["good"]) == (["b", "c"], ["a"], ["c", "a", "b"])

@@ -11,7 +11,7 @@ import pytest
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.ranking import posterior
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Options
-from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
+from robomend.errors import ContradictoryModel
 from robomend.model.loading import load_model, load_text
 from robomend.oneshots import warm_model
 from robomend.oneshots.result_json import quoted_names, result_text, timeless
@@ -47,12 +47,6 @@ def test_equal_sets_have_the_same_answer_however_they_are_written() -> None:
     assert not first.healthy
 
 
-def test_assertions_join_the_model_of_their_set_only() -> None:
-    with WarmModel(ROBOT) as model:
-        assert blamed(model.ask_line("not ok(scan) or not ok(scan)").result) == [("lidar_node",), ("lidar",)]
-        assert model.ask_line("ok(scan)").healthy
-
-
 def test_only_so_many_answers_and_engines_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warm_model, "REMEMBERED", 2)
     monkeypatch.setattr(warm_model, "ENGINES", 2)
@@ -79,32 +73,11 @@ def test_an_answer_tells_its_own_time_but_no_more_than_the_diagnosis_took() -> N
     assert json.loads(explained.text(1000.0))["elapsed_s"] == pytest.approx(took, abs=1e-6)
 
 
-def test_what_the_model_does_not_have_is_refused_before_anything_is_asked() -> None:
-    with pytest.raises(UnknownComponent, match="did you mean 'mapper'"):
-        WarmModel(ROBOT, expected_stopped=["maper"])
-    with pytest.raises(UnknownComponent, match="did you mean 'lidar'"):
-        WarmModel(ROBOT, options=Options(healthy=frozenset({"lidr"})))
-    with pytest.raises(OptionRefused, match=r"no engine is named 'sta'.*did you mean 'sat'"):
-        WarmModel(ROBOT, "sta")
-
-
 def test_a_set_that_contradicts_the_model_does_not_spoil_the_next() -> None:
     with WarmModel(ROBOT) as model:
         with pytest.raises(ContradictoryModel):
             model.ask_line("not ok(lamp)")
         assert model.ask_line("ok(lamp)").healthy
-
-
-def test_snapshots_of_one_robot_have_one_answer() -> None:
-    with WarmModel(ROBOT) as model:
-        sets = [model.question([sentence]) for sentence in ("not ok(scan)", "not ok(map) and ok(scan)")]
-        together = model.ask_together(sets)
-        assert blamed(together) == [("lidar", "mapper"), ("lidar_node", "mapper")]
-        assert sum(diagnosis.probability or 0 for diagnosis in together.diagnoses) == pytest.approx(1)
-        with pytest.raises(OptionRefused, match="snapshot 1: snapshots are literals only"):
-            model.ask_together([model.question(["ok(scan) or ok(map)"])])
-    with WarmModel(ROBOT, "asp") as model, pytest.raises(OptionRefused, match="'asp' cannot be asked"):
-        model.ask_together(sets)
 
 
 def test_a_set_has_one_answer_whatever_the_order_of_its_literals() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -36,112 +37,110 @@ def steady(topic: str, hz: float, end_s: float, value: float = 0.0, start_s: flo
     return [(start_s + number / hz, topic, value) for number in range(count)]
 
 
+def made(store: Any, kind: str, given: dict[str, Any]) -> Any:
+    """Return a message of these fields; the others are empty."""
+    values: dict[str, Any] = {}
+    for name, (shape, inside) in store.fielddefs[kind][1]:
+        value: Any = given.get(name)
+        if shape == 1:
+            values[name] = ("" if inside[0] == "string" else 0) if value is None else value
+        elif shape == 2:
+            values[name] = made(store, inside, value or {})
+        else:
+            (element, of), count = inside
+            items: Any = value if value is not None else [0] * (count or 0)
+            if element == 2:
+                values[name] = [made(store, of, item) for item in items]
+            elif of[0] == "string":
+                values[name] = list(items)
+            else:
+                values[name] = np.array(items, dtype={"byte": "uint8"}.get(of[0], of[0]))
+    return store.types[kind](**values)
+
+
 def message(store: Any, topic: str, value: Any, stamp_ns: int, name: str) -> Any:
     """Return a message of a topic's type with a value in the field that tests look at."""
-    t = store.types
     seconds, nanoseconds = divmod(stamp_ns, SECOND)
-    stamp = t["builtin_interfaces/msg/Time"](sec=int(seconds), nanosec=int(nanoseconds))
-    extra = {"seq": 7} if "seq" in dict(store.fielddefs["std_msgs/msg/Header"][1]) else {}
-    header = t["std_msgs/msg/Header"](stamp=stamp, frame_id=name, **extra)
-    zero = t["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
-    turning = t["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=value if isinstance(value, float) else 0.0)
-    straight = t["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+    stamp = {"sec": int(seconds), "nanosec": int(nanoseconds)}
+    fields: dict[str, Any] = {"header": {"stamp": stamp, "frame_id": name, "seq": 7}}
+    turning = {"z": value if isinstance(value, float) else 0.0}
     if topic == "odom":
-        pose = t["geometry_msgs/msg/Pose"](
-            position=t["geometry_msgs/msg/Point"](x=1.0, y=2.0, z=3.0), orientation=straight
-        )
-        covariance = np.zeros(36)
-        return t["nav_msgs/msg/Odometry"](
-            header=header,
-            child_frame_id="base",
-            pose=t["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=covariance),
-            twist=t["geometry_msgs/msg/TwistWithCovariance"](
-                twist=t["geometry_msgs/msg/Twist"](linear=zero, angular=turning), covariance=covariance
-            ),
-        )
-    if topic == "imu":
-        nine = np.zeros(9)
-        return t["sensor_msgs/msg/Imu"](
-            header=header,
-            orientation=straight,
-            orientation_covariance=nine,
-            angular_velocity=turning,
-            angular_velocity_covariance=nine,
-            linear_acceleration=zero,
-            linear_acceleration_covariance=nine,
-        )
-    if topic == "diagnostics":
-        pair = t["diagnostic_msgs/msg/KeyValue"](key="temperature", value=str(value))
-        status = t["diagnostic_msgs/msg/DiagnosticStatus"](
-            level=2 if value > 60 else 0,
-            name="hokuyo: temperature",
-            message="",
-            hardware_id="h",
-            values=[pair],
-        )
-        return t["diagnostic_msgs/msg/DiagnosticArray"](header=header, status=[status])
-    if topic == "board_measurments":
-        channels = [t[full_name(f"{PACKAGE}/Channel")](**row) for row in value]
-        return t[full_name(BOARD)](o_time=0.0, channel=channels)
-    if topic == "scan":
-        return t["sensor_msgs/msg/Range"](
-            header=header,
-            radiation_type=1,
-            field_of_view=0.1,
-            min_range=0.0,
-            max_range=9.0,
-            range=float(value or 0),
-        )
-    return t["std_msgs/msg/Float64"](data=float(value))
+        pose = {"position": {"x": 1.0, "y": 2.0, "z": 3.0}, "orientation": {"w": 1.0}}
+        fields |= {"child_frame_id": "base", "pose": {"pose": pose}, "twist": {"twist": {"angular": turning}}}
+    elif topic == "imu":
+        fields |= {"orientation": {"w": 1.0}, "angular_velocity": turning}
+    elif topic == "diagnostics":
+        pair = {"key": "temperature", "value": str(value)}
+        level = 2 if value > 60 else 0
+        status = {"level": level, "name": "hokuyo: temperature", "hardware_id": "h", "values": [pair]}
+        fields["status"] = [status]
+    elif topic == "board_measurments":
+        fields["channel"] = value
+    elif topic == "scan":
+        fields |= {"radiation_type": 1, "field_of_view": 0.1, "max_range": 9.0, "range": float(value or 0)}
+    else:
+        fields["data"] = float(value)
+    return made(store, KINDS[topic], fields)
 
 
-def write_bag(
+class Recorder:
+    """Messages of a robot, for a file in the format of its name."""
+
+    def __init__(self, file: Path, *, compression: str = "", chunk_bytes: int = 1 << 20) -> None:
+        self.file, self.cdr = file, file.suffix != ".bag"
+        self.store = ROS2 if self.cdr else ROS1
+        self._compression, self._chunk_bytes = compression, chunk_bytes
+        self._messages: list[tuple[float, str, str, Any]] = []
+
+    def __call__(self, at_s: float, topic: str, kind: str, **fields: Any) -> None:
+        self.add(at_s, topic, kind, made(self.store, kind, fields))
+
+    def add(self, at_s: float, topic: str, kind: str, message: Any) -> None:
+        self._messages.append((at_s, topic, kind, message))
+
+    def write(self, silent: Iterable[tuple[str, str]] = ()) -> Path:
+        """Write the file, with topics and types of which there are no messages beside."""
+        folder = self.file.with_name(self.file.name + ".folder")
+        writer: Any
+        if self.cdr:
+            plugin = StoragePlugin.MCAP if self.file.suffix == ".mcap" else StoragePlugin.SQLITE3
+            writer = Writer2(folder, version=9, storage_plugin=plugin)
+            if self._compression:
+                writer.set_compression(CompressionMode.MESSAGE, CompressionFormat[self._compression])
+        else:
+            writer = Writer1(self.file)
+            writer.chunk_threshold = self._chunk_bytes
+            if self._compression:
+                writer.set_compression(Writer1.CompressionFormat[self._compression])
+        serialize = self.store.serialize_cdr if self.cdr else self.store.serialize_ros1
+        ordered = sorted(self._messages, key=lambda one: one[0])
+        with writer:
+            of = {
+                topic: writer.add_connection(topic, kind, typestore=self.store)
+                for topic, kind in dict.fromkeys([*((one[1], one[2]) for one in ordered), *silent])
+            }
+            for at_s, topic, kind, message in ordered:
+                writer.write(of[topic], EPOCH_NS + round(at_s * SECOND), serialize(message, kind))
+        if self.cdr:
+            (written,) = folder.glob(f"*{self.file.suffix}*")
+            written.rename(self.file)
+            shutil.rmtree(folder)
+        return self.file
+
+
+def write(
     file: Path,
     samples: Iterable[Sample],
     *,
     stamp_s: float = 0.0,
     silent: Iterable[str] = (),
-    chunk_bytes: int = 1 << 20,
     namespace: str = "",
+    **options: Any,
 ) -> Path:
-    """Write a ROS 1 bag; headers are stamped `stamp_s` after the record."""
-    samples = sorted(samples, key=lambda sample: sample[0])
-    writer = Writer1(file)
-    writer.chunk_threshold = chunk_bytes
-    with writer:
-        connections = {
-            topic: writer.add_connection(f"{namespace}/{topic}", KINDS[topic], typestore=ROS1)
-            for topic in dict.fromkeys([*(topic for _, topic, _ in samples), *silent])
-        }
-        for number, (time, topic, value) in enumerate(samples):
-            at_ns = EPOCH_NS + round(time * SECOND)
-            made = message(ROS1, topic, value, at_ns + round(stamp_s * SECOND), "x" * (number % 5))
-            writer.write(connections[topic], at_ns, ROS1.serialize_ros1(made, KINDS[topic]))
-    return file
-
-
-def write_ros2(file: Path, samples: Iterable[Sample], *, stamp_s: float = 0.0) -> Path:
-    """Write an .mcap or .db3, by the ending of its name."""
-    samples = sorted(samples, key=lambda sample: sample[0])
-    folder = file.with_name(file.name + ".folder")
-    plugin = StoragePlugin.MCAP if file.suffix == ".mcap" else StoragePlugin.SQLITE3
-    writer = Writer2(folder, version=9, storage_plugin=plugin)
-    with writer:
-        connections = {
-            topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS2)
-            for topic in dict.fromkeys(topic for _, topic, _ in samples)
-        }
-        for number, (time, topic, value) in enumerate(samples):
-            at_ns = EPOCH_NS + round(time * SECOND)
-            made = message(ROS2, topic, value, at_ns + round(stamp_s * SECOND), "x" * (number % 5))
-            writer.write(connections[topic], at_ns, ROS2.serialize_cdr(made, KINDS[topic]))
-    (written,) = folder.glob(f"*{file.suffix}*")
-    written.rename(file)
-    return file
-
-
-def write(file: Path, samples: Iterable[Sample], *, stamp_s: float = 0.0) -> Path:
-    """Write a recording in the format of its name."""
-    if file.suffix == ".bag":
-        return write_bag(file, samples, stamp_s=stamp_s)
-    return write_ros2(file, samples, stamp_s=stamp_s)
+    """Write a recording in the format of its name; headers are stamped `stamp_s` after the record."""
+    record = Recorder(file, **options)
+    for number, (time, topic, value) in enumerate(sorted(samples, key=lambda sample: sample[0])):
+        stamp_ns = EPOCH_NS + round((time + stamp_s) * SECOND)
+        one = message(record.store, topic, value, stamp_ns, "x" * (number % 5))
+        record.add(time, f"{namespace}/{topic}", KINDS[topic], one)
+    return record.write([(f"{namespace}/{topic}", KINDS[topic]) for topic in silent])

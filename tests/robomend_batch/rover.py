@@ -43,12 +43,18 @@ def drive(end_s: float = 8.0) -> list[Sample]:
     return [*scan, *odom, *hot]
 
 
-def drive_in_chunks(file: IO[bytes], samples: list[Sample], in_order: bool = True, **options: Any) -> None:
-    """Write scans and odometry as an MCAP file of small chunks, in the order of their times or as given."""
+def drive_in_chunks(
+    file: IO[bytes],
+    samples: list[Sample],
+    in_order: bool = True,
+    topics: tuple[str, ...] = ("odom", "scan"),
+    **options: Any,
+) -> None:
+    """Write samples of topics as an MCAP file of small chunks, in the order of their times or as given."""
     writer = McapWriter(file, **{"chunk_size": 4000, **options})
     writer.start(profile="ros2", library="test")
     channels = {}
-    for topic in ("odom", "scan"):
+    for topic in topics:
         name = KINDS[topic]
         text, _ = ROS2.generate_msgdef(name, ros_version=2)
         schema = writer.register_schema(name, "ros2msg", text.encode())

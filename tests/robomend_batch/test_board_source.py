@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Iterable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import agent, config
-from tests.clients.service_double import eventually, service_double
 from tests.robomend_batch.recordings import EPOCH_NS, Sample, write
 from tests.robomend_batch.running import batch_run, intervals, logs
 
@@ -64,13 +59,7 @@ def told(out: Path) -> list[tuple[int, str, object, list[str]]]:
     return [one for one in found if one[3]]
 
 
-def literals(file: Path, said: Iterable[tuple[int, str]]) -> Path:
-    """Write what was said live as a log of literals."""
-    file.write_text("".join(json.dumps({"time": at_ns, "literal": text}) + "\n" for at_ns, text in said))
-    return file
-
-
-@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3"])
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
 def test_what_was_judged_live_of_the_boards_measurements_is_what_a_recording_of_them_says(
     name: str, model: Path, tmp_path: Path
 ) -> None:
@@ -89,7 +78,8 @@ def test_what_was_judged_live_of_the_boards_measurements_is_what_a_recording_of_
 
     log = write(tmp_path / name, drive())
     assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
-    said = literals(tmp_path / "live.ndjson", live)
+    said = tmp_path / "live.ndjson"
+    said.write_text("".join(json.dumps({"time": at_ns, "literal": text}) + "\n" for at_ns, text in live))
     assert batch_run(tmp_path / "live", said, model=model) == 0
     found = told(tmp_path / "out")
     assert [(one, state) for one, state, *_ in found if state == "faulty"] == [
@@ -117,61 +107,3 @@ def test_a_device_that_the_board_does_not_have_is_told_and_costs_what_rests_on_i
     seen = {text for *_, said in told(tmp_path / "out") for text in said}
     assert "not ok(pack)" in seen
     assert not any("fan" in text for text in seen)
-
-
-def test_a_recording_without_the_board_says_so(model: Path, tmp_path: Path) -> None:
-    observers = tmp_path / "agent.yaml"
-    observers.write_text(OBSERVERS)
-    log = write(tmp_path / "a.bag", [(number / 10, "temperature", 1.0) for number in range(10)])
-    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
-    (record,) = logs(tmp_path / "out")
-    reasons = {problem["reason"] for problem in record["problems"]}
-    assert "not recorded: what rests on board:current(jaguar) is unknown" in reasons
-
-
-def test_an_agents_own_recording_of_the_board_says_what_the_agent_said(model: Path, tmp_path: Path) -> None:
-    """The board is asked of the service, which a double plays."""
-    measures = {"current_a": 1.5, "voltage_v": 24.0}
-
-    def answers(method: str, path: str) -> tuple[int, Any] | None:
-        if not path.endswith("/board"):
-            return None
-        channel = {"channel": 0, "component": "jaguar", "on": True, **measures}
-        return 200, {"state": "running", "time_ns": time.time_ns(), "channels": [channel]}
-
-    sections = {
-        "observers": {
-            "jaguar_draws": {
-                "kind": "property",
-                "from": "board",
-                "source": "board:current(jaguar)",
-                "high": 3,
-            },
-            "pack": {"kind": "property", "from": "board", "source": "board:voltage(0)", "low": 20},
-        },
-        "board": {"rate_hz": 20},
-        "recording": {"file": str(tmp_path / "run.jsonl"), "mb": 1},
-    }
-    with service_double() as service:
-        service.answers = answers
-        file = config(tmp_path, service.url, {}, **sections)
-        with agent(file):
-            eventually(lambda: {"ok(jaguar_draws)", "ok(pack)"} <= service.holds().keys(), "both", 60)
-            measures["current_a"] = 5.0
-            eventually(lambda: service.holds()["ok(jaguar_draws)"] is False, "too much current", 60)
-            measures |= {"current_a": 1.5, "voltage_v": 12.0}
-            eventually(lambda: service.holds()["ok(pack)"] is False, "too little voltage", 60)
-            eventually(lambda: service.holds()["ok(jaguar_draws)"], "the current is right again", 60)
-        said: list[tuple[int, str]] = []
-        held: dict[str, str] = {}
-        for batch in service.batches():
-            for text in batch["observations"]:
-                if held.get(text.removeprefix("not ")) != text:
-                    held[text.removeprefix("not ")] = text
-                    said.append((batch["time"], text))
-    assert all(before <= after for (before, _), (after, _) in pairwise(said))
-    assert batch_run(tmp_path / "out", tmp_path / "run.jsonl", "--observers", file, model=model) == 0
-    assert batch_run(tmp_path / "live", literals(tmp_path / "live.ndjson", said), model=model) == 0
-    found = told(tmp_path / "out")
-    assert found == told(tmp_path / "live")
-    assert [state for _, state, *_ in found].count("faulty") >= 2

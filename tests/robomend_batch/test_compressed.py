@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.robomend_batch.recordings import steady, write, write_bag, write_ros2
+from tests.robomend_batch.recordings import steady, write
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson
 from tests.robomend_batch.test_damage import checked_zstd
 
@@ -80,7 +80,7 @@ def test_a_folder_of_rosbag2_is_read_where_its_files_are_compressed(tmp_path: Pa
     model, asked = _asked(tmp_path)
     folder = tmp_path / "drive"
     folder.mkdir()
-    plain = write_ros2(folder / "drive_0.db3", DRIVE)
+    plain = write(folder / "drive_0.db3", DRIVE)
     packed = folder / "drive_0.db3.zstd"
     packed.write_bytes(zstd.compress(plain.read_bytes()))
     (folder / "metadata.yaml").write_text(
@@ -97,7 +97,7 @@ def test_a_folder_of_rosbag2_is_read_where_its_files_are_compressed(tmp_path: Pa
 
 def test_the_topics_of_a_compressed_file_are_held_against_the_metadata_beside_it(tmp_path: Path) -> None:
     model, asked = _asked(tmp_path)
-    plain = write_ros2(tmp_path / "drive_0.db3", DRIVE)
+    plain = write(tmp_path / "drive_0.db3", DRIVE)
     with sqlite3.connect(plain) as base:  # as before Iron, which had them beside only
         base.execute("DROP TABLE IF EXISTS metadata")
     base.close()
@@ -118,7 +118,7 @@ def test_damage_costs_what_follows_it(ending: str, tmp_path: Path) -> None:
     chance = random.Random(ending)
     samples = [(at, "imu", chance.random()) for at, _, _ in steady("imu", 2000, 8)]
     samples += DRIVE
-    log = write_bag(tmp_path / "drive.bag", samples, chunk_bytes=20_000)
+    log = write(tmp_path / "drive.bag", samples, chunk_bytes=20_000)
     whole = COMPRESSIONS[ending](log.read_bytes())
     assert len(whole) > 200_000
     packed = tmp_path / f"drive.bag{ending}"
@@ -188,7 +188,7 @@ def test_a_log_that_leaves_no_room_on_the_disk_is_refused_and_the_others_are_rea
 
 
 def test_a_compressed_log_is_learned_from(tmp_path: Path) -> None:
-    log = write_bag(tmp_path / "drive.bag", steady("scan", 10, 8))
+    log = write(tmp_path / "drive.bag", steady("scan", 10, 8))
     packed = tmp_path / "drive.bag.gz"
     packed.write_bytes(gzip.compress(log.read_bytes()))
     found = gather([str(packed)])

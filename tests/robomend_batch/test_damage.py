@@ -1,27 +1,26 @@
-"""Logs that never lie: with one damaged byte a log says what it said before, or that something is wrong.
+"""Logs that never lie: a damaged log says what it said before, or that something is wrong.
 
-Excepted is what nobody can see: a value of a message that became another one. So the value that is watched
-may be wrong for as long as one message counts; when topics came, and what follows of it, may not.
+Excepted is what nobody can see: a value of a message that became another one. So after one damaged byte the
+value that is watched may be wrong for as long as one message counts, and after more damage it is not judged;
+when topics came, and what follows of it, is never wrong.
 """
 
 from __future__ import annotations
 
 import gzip
 import json
+import math
 import os
 import random
-import shutil
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS1, ROS2, Sample, message, steady
+from tests.robomend_batch.recordings import Sample, steady, write
+from tests.robomend_batch.rover import drive_in_chunks
 
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_model
@@ -48,6 +47,9 @@ observers:
 FLIPS = int(os.environ.get("ROBOMEND_FLIPS", "336"))
 """Over all formats together; 5,000 take some minutes."""
 
+COPIES = int(os.environ.get("ROBOMEND_COPIES", "7"))
+"""Of each format, damaged in each way by turns; as often by times alone."""
+
 SLACK_S = 0.4
 """A stamp that stays between its neighbours may move the beginning of a fault by so much."""
 
@@ -66,64 +68,18 @@ def small_drive() -> list[Sample]:
     return sorted([*scan, *heat], key=lambda sample: sample[0])
 
 
-def _bag(compression: str) -> Callable[[Path], None]:
-    def write(file: Path) -> None:
-        writer = Writer1(file)
-        if compression:
-            writer.set_compression(Writer1.CompressionFormat[compression])
-        writer.chunk_threshold = 1500
-        with writer:
-            of = {
-                topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS1)
-                for topic in ("scan", "temperature")
-            }
-            for time, topic, value in small_drive():
-                at_ns = EPOCH_NS + round(time * SECOND)
-                made = ROS1.serialize_ros1(message(ROS1, topic, value, at_ns, "base"), KINDS[topic])
-                writer.write(of[topic], at_ns, made)
-
-    return write
+def _rosbag(compression: str = "") -> Callable[[Path], object]:
+    """As rosbags writes a .bag or .db3."""
+    return lambda file: write(file, small_drive(), compression=compression, chunk_bytes=1500)
 
 
-def _mcap(compression: CompressionType, **options: Any) -> Callable[[Path], None]:
-    def write(file: Path) -> None:
+def _mcap(compression: CompressionType, **options: Any) -> Callable[[Path], object]:
+    def written(file: Path) -> None:
         with file.open("wb") as opened:
-            writer = McapWriter(opened, chunk_size=1500, compression=compression, **options)
-            writer.start(profile="ros2", library="test")
-            channels = {}
-            for topic in ("scan", "temperature"):
-                text, _ = ROS2.generate_msgdef(KINDS[topic], ros_version=2)
-                schema = writer.register_schema(KINDS[topic], "ros2msg", text.encode())
-                channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
-            for number, (time, topic, value) in enumerate(small_drive()):
-                at_ns = EPOCH_NS + round(time * SECOND)
-                body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
-                writer.add_message(channels[topic], at_ns, body, at_ns, number)
-            writer.finish()  # type: ignore[no-untyped-call]  # the library's
+            how: dict[str, Any] = {"chunk_size": 1500, "compression": compression, **options}
+            drive_in_chunks(opened, small_drive(), topics=("scan", "temperature"), **how)
 
-    return write
-
-
-def _db3(*, compressed: bool) -> Callable[[Path], None]:
-    def write(file: Path) -> None:
-        folder = file.with_name(file.name + ".folder")
-        writer = Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3)
-        if compressed:
-            writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-        with writer:
-            of = {
-                topic: writer.add_connection(f"/{topic}", KINDS[topic], typestore=ROS2)
-                for topic in ("scan", "temperature")
-            }
-            for time, topic, value in small_drive():
-                at_ns = EPOCH_NS + round(time * SECOND)
-                made = ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic])
-                writer.write(of[topic], at_ns, made)
-        (written,) = folder.glob("*.db3")
-        written.rename(file)
-        shutil.rmtree(folder)
-
-    return write
+    return written
 
 
 def checked_zstd(data: bytes) -> bytes:
@@ -131,11 +87,12 @@ def checked_zstd(data: bytes) -> bytes:
     return zstd.compress(data, options={zstd.CompressionParameter.checksum_flag: 1})
 
 
-def _compressed(write: Callable[[Path], None], pack: Callable[[bytes], bytes]) -> Callable[[Path], None]:
+def _compressed(write: Callable[[Path], object], pack: Callable[[bytes], bytes]) -> Callable[[Path], object]:
     """As a whole; zstd writes no checksum by itself."""
 
     def packed(file: Path) -> None:
-        write(file)
+        write(plain := file.with_name(f"unpacked{Path(file.stem).suffix}"))
+        plain.rename(file)
         file.write_bytes(pack(file.read_bytes()))
 
     return packed
@@ -144,10 +101,10 @@ def _compressed(write: Callable[[Path], None], pack: Callable[[bytes], bytes]) -
 NO_INDEX: dict[str, Any] = {"index_types": IndexType.NONE}
 NO_CHECKSUM: dict[str, Any] = {"enable_crcs": False}
 
-FORMATS: dict[str, Callable[[Path], None]] = {
-    "none.bag": _bag(""),
-    "bz2.bag": _bag("BZ2"),
-    "lz4.bag": _bag("LZ4"),
+FORMATS: dict[str, Callable[[Path], object]] = {
+    "none.bag": _rosbag(),
+    "bz2.bag": _rosbag("BZ2"),
+    "lz4.bag": _rosbag("LZ4"),
     "none.mcap": _mcap(CompressionType.NONE),
     "zstd.mcap": _mcap(CompressionType.ZSTD),
     "lz4.mcap": _mcap(CompressionType.LZ4),
@@ -157,13 +114,13 @@ FORMATS: dict[str, Callable[[Path], None]] = {
     "zstd-stream.mcap": _mcap(CompressionType.ZSTD, **NO_INDEX),
     "lz4-stream.mcap": _mcap(CompressionType.LZ4, **NO_INDEX),
     "messages-stream.mcap": _mcap(CompressionType.NONE, use_chunking=False),
-    "plain.db3": _db3(compressed=False),
-    "packed.db3": _db3(compressed=True),
-    "none.bag.gz": _compressed(_bag(""), gzip.compress),
+    "plain.db3": _rosbag(),
+    "packed.db3": _rosbag("ZSTD"),
+    "none.bag.gz": _compressed(_rosbag(), gzip.compress),
     "none.mcap.zstd": _compressed(_mcap(CompressionType.NONE), zstd.compress),
-    "plain.db3.zstd": _compressed(_db3(compressed=False), zstd.compress),
-    "none.bag.zst": _compressed(_bag(""), checked_zstd),
-    "plain.db3.zst": _compressed(_db3(compressed=False), checked_zstd),
+    "plain.db3.zstd": _compressed(_rosbag(), zstd.compress),
+    "none.bag.zst": _compressed(_rosbag(), checked_zstd),
+    "plain.db3.zst": _compressed(_rosbag(), checked_zstd),
     "none-unchecked.mcap.zstd": _compressed(_mcap(CompressionType.NONE, **NO_CHECKSUM), zstd.compress),
     "lz4-unchecked.mcap": _mcap(CompressionType.LZ4, **NO_CHECKSUM),
     "none-unchecked-stream.mcap": _mcap(CompressionType.NONE, **NO_CHECKSUM, **NO_INDEX),
@@ -208,8 +165,13 @@ class Bench:
                 part.unlink()
 
 
-def _lie(record: dict[str, Any], lines: list[dict[str, Any]], truth: list[dict[str, Any]]) -> str:
-    """Return what is wrong and called ok; "": nothing."""
+def _lie(
+    record: dict[str, Any],
+    lines: list[dict[str, Any]],
+    truth: list[dict[str, Any]],
+    value_s: float = ONE_VALUE_S,
+) -> str:
+    """Return what is wrong and called ok; "": nothing. A value may be wrong for so long."""
     if record["state"] != "ok":
         return ""
     begin, end = truth[0]["start_ns"], truth[-1]["end_ns"]
@@ -227,7 +189,7 @@ def _lie(record: dict[str, Any], lines: list[dict[str, Any]], truth: list[dict[s
         for component in wrong:
             bad = [any(component in one for one in row["bad"]) for row in (found, right)]
             wrong[component] += step_s * (bad[0] != bad[1])
-    if wrong["lidar_node"] > 2 * SLACK_S + step_s or wrong["heater_node"] > ONE_VALUE_S:
+    if wrong["lidar_node"] > 2 * SLACK_S + step_s or wrong["heater_node"] > value_s:
         return f"wrong for {wrong} s"
     return ""
 
@@ -239,17 +201,97 @@ def _at(lines: list[dict[str, Any]], at_ns: int) -> dict[str, Any] | None:
 def test_every_format_says_the_same(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "out")
     found = []
-    for name, write in FORMATS.items():
-        write(tmp_path / name)
+    for name, written in FORMATS.items():
+        written(tmp_path / name)
         record, lines = bench.told(tmp_path / name)
         assert record["state"] == expected_state(name), (name, record["problems"])
         found.append([(line["start_ns"], line["end_ns"], line["state"], line["bad"]) for line in lines])
     assert all(one == found[0] for one in found)
 
 
+def _flipped(data: bytearray, chance: random.Random) -> None:
+    data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+
+
+def _bits(data: bytearray, chance: random.Random) -> None:
+    for _ in range(chance.choice((1, 8, 64))):
+        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+
+
+def _truncated(data: bytearray, chance: random.Random) -> None:
+    del data[chance.randrange(len(data) // 4, len(data)) :]
+
+
+def _zeroed(data: bytearray, chance: random.Random) -> None:
+    size = chance.choice((16, 512, 4096, 65536))
+    at = chance.randrange(max(1, len(data) - size))
+    end = min(len(data), at + size)
+    data[at:end] = bytes(end - at)
+
+
+def _swapped(data: bytearray, chance: random.Random) -> None:
+    """As a disk does that writes blocks where others belong."""
+    size = chance.choice((512, 4096))
+    first, second = (chance.randrange(max(1, len(data) // size)) * size for _ in range(2))
+    data[first : first + size], data[second : second + size] = (
+        data[second : second + size],
+        data[first : first + size],
+    )
+
+
+def _lost(data: bytearray, chance: random.Random) -> None:
+    size = chance.choice((512, 4096))
+    at = chance.randrange(max(1, len(data) // size)) * size
+    del data[at : at + size]
+
+
+def _doubled(data: bytearray, chance: random.Random) -> None:
+    size = chance.choice((512, 4096))
+    at = chance.randrange(max(1, len(data) // size)) * size
+    data[at:at] = data[at : at + size]
+
+
+def _chunks_swapped(data: bytearray, chance: random.Random) -> None:
+    """Whole records change their places, as nothing but a wrong tool would do it; else blocks do."""
+    places = [*_chunks(bytes(data))]
+    if len(places) < 2:
+        _swapped(data, chance)
+        return
+    (first, first_end), (second, second_end) = sorted(chance.sample(places, 2))
+    data[:] = (
+        data[:first]
+        + data[second:second_end]
+        + data[first_end:second]
+        + data[first:first_end]
+        + data[second_end:]
+    )
+
+
+def _chunks(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where the chunks of a .bag or .mcap begin and end."""
+    if data.startswith(b"\x89MCAP0\r\n"):
+        at = 8
+        while at + 9 < len(data) - 8:
+            operation, length = struct.unpack_from("<BQ", data, at)
+            if operation == 6:
+                yield at, at + 9 + length
+            at += 9 + length
+    elif data.startswith(b"#ROSBAG"):
+        at = 13
+        while at < len(data):
+            (head,) = struct.unpack_from("<I", data, at)
+            (size,) = struct.unpack_from("<I", data, at + 4 + head)
+            if b"op=\x05" in data[at : at + 4 + head]:
+                yield at, at + 8 + head + size
+            at += 8 + head + size
+
+
+DAMAGES = (_bits, _truncated, _zeroed, _swapped, _lost, _doubled, _chunks_swapped)
+
+
 @pytest.mark.parametrize("by_values", [True, False], ids=["values", "times"])
 @pytest.mark.parametrize("name", FORMATS)
-def test_one_damaged_byte_makes_no_wrong_verdict_that_is_called_ok(
+def test_a_damaged_log_gives_no_wrong_verdict_that_is_called_ok(
     name: str, by_values: bool, tmp_path: Path
 ) -> None:
     log = tmp_path / name
@@ -259,12 +301,17 @@ def test_one_damaged_byte_makes_no_wrong_verdict_that_is_called_ok(
     assert record["state"] == expected_state(name), record["problems"]
     assert [line["bad"] for line in truth if line["state"] == "faulty"], truth
     whole = log.read_bytes()
-    chance = random.Random(f"{name} {by_values}")
+    chance = random.Random(f"{by_values} {name}")
+    ways = [_flipped] * (FLIPS // (2 * len(FORMATS))) + [DAMAGES[n % len(DAMAGES)] for n in range(COPIES)]
+    if "stream" in name:  # where time goes back a recording has segments, and no index says otherwise
+        ways = [damage for damage in ways if damage is not _chunks_swapped]
     lies = []
-    for _ in range(FLIPS // (2 * len(FORMATS))):
-        place, bit = chance.randrange(len(whole)), chance.randrange(8)
-        log.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :])
+    for number, damage in enumerate(ways):
+        data = bytearray(whole)
+        damage(data, chance)
+        log.write_bytes(data)
         record, lines = bench.told(log)
-        if lie := _lie(record, lines, truth):
-            lies.append(f"byte {place} of {len(whole)}, bit {bit}: {lie}, {record['problems']}")
+        value_s = ONE_VALUE_S if damage is _flipped else math.inf
+        if data != whole and (lie := _lie(record, lines, truth, value_s)):
+            lies.append(f"copy {number}, {damage.__name__}: {lie}, {record['problems']}")
     assert not lies, "\n".join(lies)

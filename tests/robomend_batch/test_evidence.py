@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from tests.robomend_batch.recordings import EPOCH_NS, ROS1, ROS2
+from tests.robomend_batch.recordings import EPOCH_NS, ROS1, Recorder
 from tests.robomend_batch.running import batch_run, logs, spans
 
 from robomend.cli.commands import run
@@ -39,54 +35,6 @@ observers:
 """
 
 LIFECYCLE = '  "ok(lifecycle,camera)": {kind: lifecycle}\n'
-
-
-class Recorder:
-    """Messages of a robot of one generation, by their fields."""
-
-    def __init__(self, store: Any, cdr: bool) -> None:
-        self.store, self.cdr = store, cdr
-        self.messages: list[tuple[float, str, str, Any]] = []
-
-    def __call__(self, at_s: float, topic: str, kind: str, **fields: Any) -> None:
-        self.messages.append((at_s, topic, kind, self.made(kind, fields)))
-
-    def made(self, kind: str, given: dict[str, Any]) -> Any:
-        values: dict[str, Any] = {}
-        for name, (shape, inside) in self.store.fielddefs[kind][1]:
-            value: Any = given.get(name)
-            if shape == 1:
-                values[name] = ("" if inside[0] == "string" else 0) if value is None else value
-            elif shape == 2:
-                values[name] = self.made(inside, value or {})
-            else:
-                (element, of), count = inside
-                items: Any = value if value is not None else [0] * (count or 0)
-                if element == 2:
-                    values[name] = [self.made(of, item) for item in items]
-                elif of[0] == "string":
-                    values[name] = list(items)
-                else:
-                    values[name] = np.array(items, dtype={"byte": "uint8"}.get(of[0], of[0]))
-        return self.store.types[kind](**values)
-
-    def write(self, file: Path) -> Path:
-        ordered = sorted(self.messages, key=lambda one: one[0])
-        plugin = StoragePlugin.MCAP if file.suffix == ".mcap" else StoragePlugin.SQLITE3
-        folder = file.with_name(file.name + ".folder")
-        writer: Any = Writer2(folder, version=9, storage_plugin=plugin) if self.cdr else Writer1(file)
-        with writer:
-            connections: dict[str, Any] = {}
-            for at_s, topic, kind, message in ordered:
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=self.store)
-                serialize = self.store.serialize_cdr if self.cdr else self.store.serialize_ros1
-                at_ns = EPOCH_NS + round(at_s * SECOND)
-                writer.write(connections[topic], at_ns, serialize(message, kind))
-        if self.cdr:
-            (written,) = folder.glob(f"*{file.suffix}*")
-            written.rename(file)
-        return file
 
 
 def stamp(at_s: float) -> dict[str, int]:
@@ -131,9 +79,10 @@ def drive(record: Recorder, *, faulty: bool) -> None:
     ends = ((5, 1, "succeeded"), (6, 2, "cancelled"), (10, 3, "aborted" if faulty else "succeeded"))
     goals(record, (*ends, (11.5, 4, "succeeded")))
     if record.cdr:
+        at_s = 1
         moves = [("unconfigured", "configuring"), ("configuring", "inactive"), ("activating", "active")]
         for start, goal in [*moves, *([("active", "errorprocessing"), *moves] if faulty else [])]:
-            at_s = 26 if start == "active" else 27 if record.messages[-1][0] >= 26 else 1
+            at_s = 26 if start == "active" else 27 if at_s >= 26 else 1
             record(
                 at_s, "/camera/transition_event", "lifecycle_msgs/msg/TransitionEvent",
                 start_state={"label": start}, goal_state={"label": goal},
@@ -141,27 +90,26 @@ def drive(record: Recorder, *, faulty: bool) -> None:
 
 
 @pytest.fixture(params=["a.bag", "a.mcap", "a.db3"])
-def recorder(request: pytest.FixtureRequest) -> tuple[str, Recorder]:
-    name = str(request.param)
-    return name, Recorder(ROS1, False) if name.endswith(".bag") else Recorder(ROS2, True)
+def record(request: pytest.FixtureRequest, tmp_path: Path) -> Recorder:
+    return Recorder(tmp_path / request.param)
 
 
-def diagnosed(folder: Path, name: str, record: Recorder) -> Path:
+def diagnosed(record: Recorder) -> Path:
+    folder = record.file.parent
     (folder / "rover.yaml").write_text(MODEL)
     preset = "" if record.cdr else ", preset: ros1"
     (folder / "agent.yaml").write_text(OBSERVERS % preset + (LIFECYCLE if record.cdr else ""))
-    log = record.write(folder / name)
+    given = record.write(), "--observers", folder / "agent.yaml"
     out = folder / "out"
-    assert batch_run(out, log, "--observers", folder / "agent.yaml", model=folder / "rover.yaml") == 0
+    assert batch_run(out, *given, model=folder / "rover.yaml") == 0
     return out
 
 
 def test_each_kind_of_evidence_is_found_in_a_recording_with_its_words(
-    recorder: tuple[str, Recorder], tmp_path: Path
+    record: Recorder, tmp_path: Path
 ) -> None:
-    name, record = recorder
     drive(record, faulty=True)
-    out = diagnosed(tmp_path, name, record)
+    out = diagnosed(record)
     (log,) = logs(out)
     found = {
         one["literal"]: ((one["time_ns"] - EPOCH_NS) / SECOND, one["reading"]) for one in log["readings"]
@@ -186,10 +134,9 @@ def test_each_kind_of_evidence_is_found_in_a_recording_with_its_words(
     assert "not ok(log,camera): ERROR: cannot open /dev/video0" in page
 
 
-def test_usual_traffic_in_a_recording_is_no_fault(recorder: tuple[str, Recorder], tmp_path: Path) -> None:
-    name, record = recorder
+def test_usual_traffic_in_a_recording_is_no_fault(record: Recorder) -> None:
     drive(record, faulty=False)
-    out = diagnosed(tmp_path, name, record)
+    out = diagnosed(record)
     (log,) = logs(out)
     assert log["readings"] == []
     assert "faulty" not in log["intervals"]
@@ -260,10 +207,10 @@ def test_what_no_recording_says_of_the_graph_is_unknown_and_said(tmp_path: Path)
         'observers: {"ok(publishers,odom)": {kind: publishers}, "ok(qos,odom)": {kind: qos}}\n'
         "topics: {odom: {rate_hz: 10, tolerance_hz: 3}}\n"
     )
-    record = Recorder(ROS2, True)
+    record = Recorder(tmp_path / "a.mcap")
     for n in range(100):
         record(n / 10, "/odom", "std_msgs/msg/String", data="x")
-    for log in (met(tmp_path / "a.bag", ""), record.write(tmp_path / "a.mcap")):
+    for log in (met(tmp_path / "a.bag", ""), record.write()):
         out = tmp_path / f"out-{log.suffix}"
         given = log, "--observers", tmp_path / "agent.yaml"
         assert batch_run(out, *given, model=tmp_path / "rover.yaml") == 0

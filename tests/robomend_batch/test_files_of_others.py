@@ -12,13 +12,11 @@ from mcap.reader import make_reader
 from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode
 from rosbags.rosbag2 import Writer as Writer2
-from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS1, ROS2, message
+from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS1, ROS2, Recorder, message
 from tests.robomend_batch.rover import told
 from tests.robomend_batch.running import batch_run, intervals, logs
-from tests.robomend_batch.test_damage import FORMATS, MODEL, OBSERVERS, small_drive
-from tests.robomend_batch.test_evidence import Recorder
+from tests.robomend_batch.test_damage import FORMATS, MODEL, OBSERVERS
 
 from robomend_client.observers.base import SECOND
 
@@ -85,12 +83,11 @@ def test_diagnostics_are_read_as_drivers_write_them(topic: str, log: str, tmp_pa
         if topic.startswith("/robot1"):
             agent["ros1"] = {"namespace": "/robot1"}
         (tmp_path / "agent.yaml").write_text(json.dumps(agent))
-        store, cdr = (ROS1, False) if log.endswith(".bag") else (ROS2, True)
-        record = Recorder(store, cdr)
+        record = Recorder(tmp_path / f"{number}{log}")
         record(0, topic, "diagnostic_msgs/msg/DiagnosticArray", status=said)
         record(5, "/odom", "std_msgs/msg/String", data="x")  # the status comes once, and counts
         out = tmp_path / f"out{number}"
-        given = record.write(tmp_path / f"{number}{log}"), "--observers", tmp_path / "agent.yaml"
+        given = record.write(), "--observers", tmp_path / "agent.yaml"
         assert batch_run(out, *given, model=tmp_path / "model.yaml") == 0
         assert {one for interval in intervals(out) for one in interval["observations"]} == expected, what
 
@@ -99,8 +96,7 @@ def test_diagnostics_are_read_as_drivers_write_them(topic: str, log: str, tmp_pa
 def test_two_robots_in_one_recording_are_told_apart(log: str, tmp_path: Path) -> None:
     """Of one robot the arm is broken, of the other the odometry ends; both have the same names."""
     (tmp_path / "model.yaml").write_text(DEVICE)
-    store, cdr = (ROS1, False) if log.endswith(".bag") else (ROS2, True)
-    record = Recorder(store, cdr)
+    record = Recorder(tmp_path / log)
     for n in range(200):
         at_s = n / 10
         for robot in ("one", "two"):
@@ -109,7 +105,7 @@ def test_two_robots_in_one_recording_are_told_apart(log: str, tmp_path: Path) ->
             level = 2 if robot == "one" and at_s > 5 else 0
             kind = "diagnostic_msgs/msg/DiagnosticArray"
             record(at_s, f"/{robot}/diagnostics", kind, status=[status(level)])
-    file = record.write(tmp_path / log)
+    file = record.write()
     observers = {"device": {"kind": "diagnostic", "status": ["arm: *"]}}
     found = {}
     for robot in ("one", "two", "three"):
@@ -137,11 +133,11 @@ def test_a_message_alone_at_the_beginning_or_the_end_of_a_log_counts(
         "observers": {"device": {"kind": "diagnostic", "status": ["arm: *"], "lifetime_s": 3}},
     }
     (tmp_path / "agent.yaml").write_text(json.dumps(agent))
-    record = Recorder(ROS1, False) if log.endswith(".bag") else Recorder(ROS2, True)
+    record = Recorder(tmp_path / log)
     record(at_s, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", status=[status(2)])
     for number in range(100):
         record(5 + number / 10, "/odom", "std_msgs/msg/String", data="x")
-    file = record.write(tmp_path / log)
+    file = record.write()
     if log.startswith("stream"):
         messages = [*make_reader(file.open("rb")).iter_messages()]
         with file.open("wb") as opened:
@@ -159,45 +155,6 @@ def test_a_message_alone_at_the_beginning_or_the_end_of_a_log_counts(
     said = {one for line in intervals(tmp_path / "out") for one in line["observations"]}
     assert said == ({"not ok(device)"} if at_s == 0 else {"not ok(odom)"})
     assert logs(tmp_path / "out")[0]["problems"] == []
-
-
-@pytest.mark.parametrize("log", ["a.bag", "a.mcap", "a.db3"])
-def test_of_a_list_of_ten_thousand_goals_the_newest_count(log: str, tmp_path: Path) -> None:
-    (tmp_path / "model.yaml").write_text(GOALS)
-    old = log.endswith(".bag")
-    keys = {"kind": "goals", "action": "dock", **({"preset": "ros1"} if old else {})}
-    (tmp_path / "agent.yaml").write_text(json.dumps({"observers": {"ok(goals,arm)": keys}}))
-    record = Recorder(ROS1, False) if old else Recorder(ROS2, True)
-    for at_s in range(3):
-        many = [goal(old, number, aborted=False) for number in range(10_000)]
-        many[-1] = goal(old, 10_000 + at_s, aborted=at_s > 0)
-        topic, kind = (
-            ("/dock/status", "actionlib_msgs/msg/GoalStatusArray")
-            if old
-            else ("/dock/_action/status", "action_msgs/msg/GoalStatusArray")
-        )
-        record(at_s, topic, kind, status_list=many)
-    given = record.write(tmp_path / log), "--observers", tmp_path / "agent.yaml"
-    assert batch_run(tmp_path / "out", *given, model=tmp_path / "model.yaml") == 0
-    assert [one for one in told(tmp_path / "out") if one[1] == "faulty"] == [(1, "faulty", [["arm"]])]
-
-
-GOALS = """
-robomend: 1
-name: r
-nodes: {arm: {}}
-properties: {goals: {}}
-rules: ["not ab(arm) -> ok(goals,arm)"]
-"""
-
-
-def goal(old: bool, number: int, *, aborted: bool) -> dict[str, Any]:
-    """Return a goal that has ended, as actionlib or ROS 2 has it in its list."""
-    stamp = {"sec": EPOCH_NS // SECOND, "nanosec": 0}
-    if old:
-        return {"goal_id": {"id": f"g{number}", "stamp": stamp}, "status": 4 if aborted else 3}
-    uuid = [*number.to_bytes(16, "big")]
-    return {"goal_info": {"goal_id": {"uuid": uuid}, "stamp": stamp}, "status": 6 if aborted else 4}
 
 
 # --- messages that are not what a file says of them --------------------------------------------------------
@@ -276,31 +233,6 @@ def test_messages_that_are_not_as_they_say_are_no_values(
         assert (code, record["state"]) == (2, "bad")
         assert faulty == []  # its rate is judged, its values are not
         assert any("cannot be unpacked" in one["reason"] for one in record["problems"])
-
-
-@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
-def test_a_db3_that_rosbag2_has_packed_says_what_it_says_plain(
-    mode: str, heater: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
-    model, values, _ = heater
-    found = {}
-    for name in ("plain", mode):
-        writer = Writer2(tmp_path / name, version=9)
-        if name != "plain":
-            writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
-        with writer:
-            of = {
-                t: writer.add_connection(f"/{t}", KINDS[t], typestore=ROS2) for t in ("scan", "temperature")
-            }
-            for at_s, topic, value in small_drive():
-                at_ns = EPOCH_NS + round(at_s * SECOND)
-                body = ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic])
-                writer.write(of[topic], at_ns, body)
-        given = tmp_path / name, "--observers", values
-        assert batch_run(tmp_path / f"out-{name}", *given, model=model) == 0
-        found[name] = told(tmp_path / f"out-{name}")
-    assert found[mode] == found["plain"]
-    assert {state for _, state, _ in found["plain"]} >= {"faulty", "healthy"}
 
 
 # --- files that are damaged in one certain place -----------------------------------------------------------

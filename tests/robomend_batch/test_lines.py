@@ -1,8 +1,9 @@
-"""The lines of results.ndjson: put together of texts, and the same bytes as polars writes of the parts."""
+"""The lines of results.ndjson: the bytes that polars writes of the parts, of all logs in their order."""
 
 from __future__ import annotations
 
 from io import BytesIO
+from itertools import chain, permutations
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.robomend_batch.running import batch_run, ndjson, tree
 
-from robomend_batch import parts
-from robomend_batch.one_log import RESULTS
+from robomend_batch.one_log import RESULTS, Record
 from robomend_batch.parts import AFTER, BEFORE, lines, schema
+from robomend_batch.run import Joined
 
 NAMES = st.lists(st.text(st.characters(codec="utf-8"), max_size=8), max_size=3)
 ANSWERS = st.tuples(
@@ -72,32 +73,35 @@ def test_lines_that_are_not_there_are_made_of_the_parts(tmp_path: Path) -> None:
     assert not stale.exists()
 
 
-def test_the_bytes_do_not_depend_on_how_much_is_spread_out_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+LOGS = {"a": ["a"], "a!": ["a!"], "b": ["b#x", "b#y"], "b#": [], "c": ["c"]}
+"""File -> its logs."""
+
+
+def records(out: Path, name: str) -> list[Record]:
+    """Write the lines of a file's logs, as a worker does; return what it says of them."""
+    found = []
+    for log in LOGS[name]:
+        parts = [f"{log}-{number}.parquet" for number in range(2)]
+        for part in parts:
+            (out / RESULTS / part).with_suffix(".ndjson").write_text(f"{part}\n")
+        found.append({"log": log, "parts": parts})
+    return found
+
+
+@pytest.mark.parametrize("order", list(permutations(LOGS))[::7])
+def test_they_are_in_the_order_of_the_logs_in_whatever_order_these_are_done(
+    order: tuple[str, ...], tmp_path: Path
 ) -> None:
-    """Names are themselves, though numbers stand for them on the way."""
-    names = ["a_scanner_that_has_a_long_name", "Kamera2", "x", "left_motor"]
-    model = tmp_path / "m.yaml"
-    model.write_text(
-        "robomend: 1\nname: m\nhardware: {{{}}}\nproperties: {{{}}}\nrules: [{}]\n".format(
-            ", ".join(f"c{number}: {{}}" for number in range(4)),
-            ", ".join(f'"{name}": {{}}' for name in names),
-            ", ".join(
-                f'"not ab(c{number}) and not ab(c{(number + 1) % 4}) -> ok({name})"'
-                for number, name in enumerate(names)
-            ),
-        )
-    )
-    said = [
-        (number, f"{'' if number >> place & 1 else 'not '}ok({name})")
-        for number in range(40)
-        for place, name in enumerate(names)
-    ]
-    log = ndjson(tmp_path / "a.ndjson", *said)
-    assert batch_run(tmp_path / "whole", log, model=model) == 0
-    monkeypatch.setattr(parts, "DECODED", 1)
-    monkeypatch.setattr(parts, "SPREAD", 3)
-    assert batch_run(tmp_path / "pieces", log, model=model) == 0
-    found = tree(tmp_path / "whole")
-    assert tree(tmp_path / "pieces") == found
-    assert all(name.encode() in found["results.ndjson"] for name in names)
+    (tmp_path / RESULTS).mkdir()
+    joined = Joined(tmp_path, LOGS)
+    for name in order:
+        joined.finished(name, records(tmp_path, name))
+    joined.close()
+    expected = [f"{log}-{number}.parquet" for log in sorted(chain(*LOGS.values())) for number in range(2)]
+    assert (tmp_path / "results.ndjson").read_text().splitlines() == expected
+    assert list((tmp_path / RESULTS).iterdir()) == []
+
+
+def test_without_any_lines_there_is_an_empty_file(tmp_path: Path) -> None:
+    Joined(tmp_path, []).close()
+    assert (tmp_path / "results.ndjson").read_bytes() == b""

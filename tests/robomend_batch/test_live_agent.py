@@ -1,4 +1,6 @@
-"""A running agent whose topics come over its bus, and the batch of what it recorded: the same literals."""
+"""A running agent that hears topics on its bus and the board through the service, and the batch of what it
+recorded: the same literals.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,19 @@ MODEL = """
 robomend: 1
 name: rover
 nodes: {laser: {publishes: {scan: []}}, camera: {publishes: {image: []}}}
-hardware: {motor: {}}
-properties: {temperature: {}}
-rules: ["not ab(motor) -> ok(temperature)"]
+hardware: {motor: {}, jaguar: {channel: 0}}
+properties: {temperature: {}, jaguar_draws: {}, pack: {}}
+rules: ["not ab(motor) -> ok(temperature)", "not ab(jaguar) -> ok(jaguar_draws) and ok(pack)"]
 """
 
 SECTIONS: dict[str, Any] = {
     "topics": {"scan": {}, "image": {"rate_hz": 30, "tolerance_hz": 3, "silence_s": 2}},
-    "observers": {"temperature": {"kind": "property", "source": "motor:temperature", "high": 60}},
+    "observers": {
+        "temperature": {"kind": "property", "source": "motor:temperature", "high": 60},
+        "jaguar_draws": {"kind": "property", "from": "board", "source": "board:current(jaguar)", "high": 3},
+        "pack": {"kind": "property", "from": "board", "source": "board:voltage(0)", "low": 20},
+    },
+    "board": {"rate_hz": 20},
 }
 
 
@@ -49,12 +56,21 @@ def shown(out: Path) -> list[tuple[int, str, Any, list[str]]]:
 
 
 def test_what_an_agent_said_of_its_bus_is_what_its_recording_says(tmp_path: Path) -> None:
-    """A topic falls silent and comes back, one comes too slowly all the while, a value is too high once."""
+    """A topic falls silent and comes back, one is too slow all the while, values are wrong for a while."""
+    measures = {"current_a": 1.5, "voltage_v": 24.0}
+
+    def answers(method: str, path: str) -> tuple[int, Any] | None:
+        if not path.endswith("/board"):
+            return None
+        channel = {"channel": 0, "component": "jaguar", "on": True, **measures}
+        return 200, {"state": "running", "time_ns": time.time_ns(), "channels": [channel]}
+
     model = tmp_path / "rover.yaml"
     model.write_text(MODEL)
     recording = tmp_path / "run.jsonl"
     sections = SECTIONS | {"recording": {"file": str(recording), "mb": 1}}
     with service_double() as service:
+        service.answers = answers
         with watching(tmp_path, service.url, **sections) as (_, talker):
 
             def comes(text: str, after_ns: int = 0) -> None:
@@ -63,7 +79,7 @@ def test_what_an_agent_said_of_its_bus_is_what_its_recording_says(tmp_path: Path
             talker.say("scan")
             talker.say("image")  # at 10 Hz, where 30 are wanted
             talker.say("motor", data={"temperature": 40.0})
-            for text in ("ok(scan)", "not ok(image)", "ok(temperature)"):
+            for text in ("ok(scan)", "not ok(image)", "ok(temperature)", "ok(jaguar_draws)", "ok(pack)"):
                 comes(text)
             silent_ns = talker.hush("scan")
             comes("not ok(scan)", silent_ns)
@@ -75,6 +91,12 @@ def test_what_an_agent_said_of_its_bus_is_what_its_recording_says(tmp_path: Path
             cool_ns = time.time_ns()
             talker.say("motor", data={"temperature": 40.0})
             comes("ok(temperature)", cool_ns)
+            measures["current_a"] = 5.0
+            comes("not ok(jaguar_draws)")
+            right_ns = time.time_ns()
+            measures |= {"current_a": 1.5, "voltage_v": 12.0}
+            comes("not ok(pack)")
+            comes("ok(jaguar_draws)", right_ns)
         said = told(service)
     assert all(before <= after for (before, _), (after, _) in pairwise(said))
     live = tmp_path / "live.ndjson"
@@ -87,4 +109,6 @@ def test_what_an_agent_said_of_its_bus_is_what_its_recording_says(tmp_path: Path
         "not ok(scan)",
         "not ok(image)",
         "not ok(temperature)",
+        "not ok(jaguar_draws)",
+        "not ok(pack)",
     }

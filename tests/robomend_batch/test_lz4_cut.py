@@ -48,13 +48,6 @@ def test_it_is_what_the_whole_begins_with_wherever_it_is_cut(
     assert len(told[len(told) // 2]) > len(whole) // 3  # not whole blocks alone: there are three
 
 
-def test_one_block_tells_what_was_written_into_it(tmp_path: Path) -> None:
-    whole = text(7, 60_000)
-    packed = lz4.frame.compress(whole, block_size=lz4.frame.BLOCKSIZE_MAX1MB)
-    assert len(lz4.frame.LZ4FrameDecompressor().decompress(packed[: len(packed) // 2])) == 0
-    assert len(unpacked(packed[: len(packed) // 2])) > len(whole) // 4
-
-
 @pytest.mark.parametrize("most", [0, 1, 1000, 70_000])
 def test_no_more_is_told_than_wanted(most: int) -> None:
     packed = lz4.frame.compress(text(3, 100_000), block_size=lz4.frame.BLOCKSIZE_MAX64KB)

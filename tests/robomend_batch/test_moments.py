@@ -27,14 +27,10 @@ from robomend_client.yaml_reader import read
 MODEL = """
 robomend: 1
 name: rover
-nodes: {laser: {publishes: {scan: []}}, camera: {publishes: {image: []}}}
-hardware: {motor: {}}
-properties: {temperature: {}}
-rules: ["not ab(motor) -> ok(temperature)"]
+nodes: {laser: {publishes: {scan: []}}}
 """
 
 LARGE = 200_000
-GOOD = {"ok(scan)": True, "ok(image)": True, "ok(temperature)": True}
 
 
 def newest(service: ServiceDouble) -> dict[str, Any] | None:
@@ -46,67 +42,6 @@ def newest(service: ServiceDouble) -> dict[str, Any] | None:
 def at_ns(service: ServiceDouble) -> int:
     """Return when that was."""
     return int((newest(service) or {"at_ns": 0})["at_ns"])
-
-
-@pytest.mark.parametrize("origin", ["ros1", "ros2"])
-def test_the_batch_says_of_a_moment_what_the_robot_said(origin: str, tmp_path: Path) -> None:
-    """A topic falls silent, and a value is too high; one topic is too large for the memory there is."""
-    model = tmp_path / "rover.yaml"
-    model.write_text(MODEL)
-    folder = tmp_path / "state" / "moments"
-    with any_robot(origin, tmp_path) as robot, service_double() as service:
-        laser, camera, motor = (robot.node(name) for name in ("laser", "camera", "motor"))
-        camera.do("publish", topic="/image", type="std_msgs/String", value={"data": "x" * LARGE}, rate=10)
-        rate = {"from": robot.origin, "first_s": 60, "silence_s": 1}
-        hot = {"kind": "property", "from": robot.origin, "source": "motor:data", "high": 60}
-        sections: dict[str, Any] = {
-            robot.origin: robot.section,
-            "topics": {"scan": rate, "image": rate},
-            "observers": {"temperature": hot},
-            "moments": {"record": True, "before_s": 20, "after_s": 2, "memory_mb": 1, "per_hour": 3600},
-        }
-        file = config(tmp_path, service.url, {}, **sections)
-        with agent(file):
-            motor.do("publish", topic="/motor", type="std_msgs/Float64", value={"data": 40.0}, rate=10)
-            laser.do("publish", topic="/scan", type="std_msgs/String", value={"data": "s"}, rate=10)
-            eventually(lambda: GOOD.items() <= service.holds().items(), "all is well", 120)
-            eventually(lambda: not list(folder.glob("*")), "no moment is open, or waits")
-            well_ns = time.time_ns() + 20 * SECOND
-            eventually(lambda: time.time_ns() > well_ns, "all that is recorded is well", 60)
-            began_ns = time.time_ns()
-            laser.do("hush", topic="/scan")
-            eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)", 60)
-            eventually(lambda: at_ns(service) > began_ns, "a moment", 60)
-            eventually(lambda: not list(folder.glob("*")), "the service has all of it")
-        moment = newest(service)
-        assert moment is not None
-        recording = tmp_path / "moment.mcap"
-        recording.write_bytes(service.recordings[moment["key"]])
-    held = said_live(service, began_ns)
-    [said] = moment["literals"]
-    assert held == {"not ok(scan)": moment["at_ns"]}
-    assert said["literal"] == "not ok(scan)"
-
-    assert batch_run(tmp_path / "out", recording, "--observers", file, model=model) == 0
-    found = intervals(tmp_path / "out")
-    shown: dict[str, int] = {}
-    for one in found:
-        for text in one["observations"] if one["start_ns"] > began_ns else ():  # a busy node may have paused
-            shown.setdefault(text, one["start_ns"])
-    assert {text: at for text, at in shown.items() if text.startswith("not ")} == about(held)
-    states = [(one["state"], one["bad"]) for one in found]
-    assert states[-1] == ("faulty", [["laser"]])
-    assert states[-2] == ("healthy", [[]])
-
-    topics = {topic["topic"]: topic for topic in moment["frame"]["topics"]}
-    assert topics["/motor"]["messages"][0]["text"] == "data: 40"
-    assert topics["/image"]["messages"][0]["text"].startswith("not kept")
-    with recording.open("rb") as opened:
-        messages = [(c.topic, len(m.data)) for _, c, m in make_reader(opened).iter_messages()]
-    whole = [size for topic, size in messages if topic == "/image/kept"]
-    assert 1 <= len(whole) <= 6
-    assert min(whole) > LARGE
-    assert sum(topic == "/image" for topic, _ in messages) > 2 * len(whole)
 
 
 def test_where_nobody_looked_and_where_it_was_starved_the_batch_says_what_was_said(tmp_path: Path) -> None:
@@ -150,7 +85,7 @@ def test_where_nobody_looked_and_where_it_was_starved_the_batch_says_what_was_sa
 EVERY = """
 robomend: 1
 name: rover
-nodes: {camera: {publishes: {imu: [], scan: []}}, navigator: {}}
+nodes: {camera: {publishes: {imu: [], scan: [], points: [], image: []}}, navigator: {}}
 properties: {goals: {}, dock: {}, log: {}, moves: {}, age: {}, hot: {}, device: {}, lifecycle: {}}
 rules:
   - "not ab(camera) -> ok(log,camera) and ok(moves,imu) and ok(age,scan) and ok(lifecycle,camera)"
@@ -204,6 +139,11 @@ def plants_of(robot: AnyRobot) -> dict[str, tuple[dict[str, Any], Act, Act]]:
             says("/scan", **stamped, behind_s=3 * 3600),
             says("/scan", **stamped),
         ),
+        "ok(points)": (
+            {},  # it is a topic
+            lambda: camera.do("hush", topic="/points"),
+            says("/points", type="std_msgs/String", value={"data": "p"}, rate=10),
+        ),
         "ok(hot)": ({"kind": "property", "source": "motor:data", "high": 60}, motor(80.0), motor(40.0)),
         "ok(device)": ({"kind": "diagnostic", "status": ["arm: *"]}, status(2), status(0)),
     }
@@ -223,15 +163,19 @@ def plants_of(robot: AnyRobot) -> dict[str, tuple[dict[str, Any], Act, Act]]:
 def test_of_a_moment_of_each_kind_of_evidence_the_batch_says_what_the_robot_said(
     origin: str, tmp_path: Path
 ) -> None:
-    """What was bad, since when, and as it was measured."""
+    """What was bad, since when, and as it was measured; one topic is too large for the memory there is."""
     model, folder = tmp_path / "rover.yaml", tmp_path / "state" / "moments"
     model.write_text(EVERY)
     with any_robot(origin, tmp_path) as robot, service_double() as service:
         plants = plants_of(robot)
+        large = {"type": "std_msgs/String", "value": {"data": "x" * LARGE}, "rate": 10}
+        robot.nodes["mission"].do("publish", topic="/image", **large)
+        rate = {"from": robot.origin, "first_s": 60, "silence_s": 1}
         sections: dict[str, Any] = {
             robot.origin: robot.section,
-            "observers": {atom: {"from": origin, **keys} for atom, (keys, _, _) in plants.items()},
-            "moments": {"record": True, "before_s": 20, "after_s": 2, "per_hour": 3600},
+            "topics": {"points": rate, "image": rate},
+            "observers": {atom: {"from": origin, **keys} for atom, (keys, _, _) in plants.items() if keys},
+            "moments": {"record": True, "before_s": 20, "after_s": 2, "memory_mb": 1, "per_hour": 3600},
         }
         file = config(tmp_path, service.url, {}, **sections)
 
@@ -280,6 +224,15 @@ def test_of_a_moment_of_each_kind_of_evidence_the_batch_says_what_the_robot_said
                 assert [(one["literal"], one["reading"]) for one in moment["literals"]] == [
                     (text, reading) for text, (_, reading) in found.items()
                 ]
+    assert moment is not None
+    topics = {topic["topic"]: topic for topic in moment["frame"]["topics"]}
+    assert topics["/image"]["messages"][0]["text"].startswith("not kept")
+    with recording.open("rb") as opened:
+        messages = [(c.topic, len(m.data)) for _, c, m in make_reader(opened).iter_messages()]
+    whole = [size for topic, size in messages if topic == "/image/kept"]
+    assert 1 <= len(whole) <= 6
+    assert min(whole) > LARGE
+    assert sum(topic == "/image" for topic, _ in messages) > 2 * len(whole)
 
 
 def about(times: dict[str, int]) -> dict[str, Any]:

@@ -285,6 +285,8 @@ def test_a_long_log_is_written_in_parts_and_merged_across_them(
     monkeypatch.setattr("robomend_batch.parts.GROUP", 3)
     monkeypatch.setattr("robomend_batch.parts.TAILS", 5)
     monkeypatch.setattr("robomend_batch.parts.SLICE", 2)
+    monkeypatch.setattr("robomend_batch.parts.DECODED", 1)
+    monkeypatch.setattr("robomend_batch.parts.SPREAD", 3)
     monkeypatch.setattr("robomend_batch.logs.text.TOGETHER", 5)
     assert batch_run(tmp_path / "many", log) == 0
     assert len(list((tmp_path / "many" / "results").iterdir())) > 20
@@ -400,18 +402,25 @@ def test_a_folder_of_another_run_is_refused_until_it_may_be_overwritten(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, log = tmp_path / "out", ndjson(tmp_path / "a.ndjson", *DRIVE)
-    assert batch_run(out, log) == 0
-    before = tree(out)
-    other = tmp_path / "other.yaml"
+    other, observers = tmp_path / "other.yaml", tmp_path / "agent.yaml"
     other.write_text(Path(TEDUSAR).read_text() + "# changed\n")
-    for given, model, named in (
+    observers.write_text("topics: {scan: {rate_hz: 10}}")
+    given = log, "--observers", observers
+    assert batch_run(out, *given) == 0
+    before = tree(out)
+    for more, model, named in (
         (["--minimal", "cardinality"], TEDUSAR, "minimal (was 'subset')"),
+        (["--together", "1min"], TEDUSAR, "together"),
+        (["--time", "header"], TEDUSAR, "time"),
         ([], other, "model"),
     ):
-        assert batch_run(out, log, *given, model=model) == 2
+        assert batch_run(out, *given, *more, model=model) == 2
         assert named in capsys.readouterr().err
+    observers.write_text("topics: {scan: {rate_hz: 11}}")
+    assert batch_run(out, *given) == 2
+    assert "observers" in capsys.readouterr().err
     assert tree(out) == before
-    assert batch_run(out, log, "--minimal", "cardinality", "--overwrite") == 0
+    assert batch_run(out, *given, "--minimal", "cardinality", "--overwrite") == 0
     assert tree(out) != before
 
 
@@ -451,15 +460,6 @@ def test_it_starts_without_web_framework_and_database(tmp_path: Path) -> None:
     done = subprocess.run(list(map(str, line)), capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert "1 log, 1 with faults" in done.stderr
-
-
-def test_its_help_is_there() -> None:
-    done = subprocess.run(
-        [*PROGRAM, "run", "--help"], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0
-    for option in ("--model", "--out", "--unknown", "--overwrite", "--fail-on-fault"):
-        assert option in done.stdout
 
 
 def test_one_parquet_of_all_logs_says_so_when_there_is_no_room_for_it(tmp_path: Path) -> None:

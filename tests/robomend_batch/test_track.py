@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robomend.diagnosis.library import Codes
@@ -113,6 +113,9 @@ def by_obs(lines: list[Said], known: Words) -> dict[int, frozenset[Literal]]:
     return changes(at)
 
 
+@example([(5, "ok(scan)", 3), (8, "on(jaguar)", None), (9, "on(hokuyo)", None)], [1])
+@example([(5, "ok(scan)", 3), (8, "on(jaguar)", None)], [])
+@example([(5, "ok(scan)", None), (5, "not ok(scan)", None), (3, "on(jaguar)", None)], [])
 @given(said, st.lists(st.integers(1, 12), max_size=4))
 def test_a_track_says_at_each_time_what_obs_says(lines: list[Said], cuts: list[int]) -> None:
     known = words()
@@ -137,57 +140,8 @@ def test_more_sensors_than_a_word_holds_are_told_apart() -> None:
     assert len(at[71]) == 70
 
 
-def test_time_that_goes_back_begins_a_segment_in_which_nothing_is_known() -> None:
-    known, track = words(), Track()
-    s = SECOND
-    lines: list[Said] = [(10 * s, "ok(scan)", None), (20 * s, "on(jaguar)", None), (5 * s, "ok(odom)", None)]
-    first, second = track.add(rows_of(lines, known))
-    assert (first.segment, first.end_ns) == (0, 20 * s)
-    assert (second.segment, second.time_ns.tolist()) == (1, [5 * s])
-    assert meant(second.codes, known.sensors) == [{Literal(Atom("ok", ("odom",)))}]
-
-
-def test_what_comes_late_by_less_than_a_second_is_no_segment() -> None:
-    known, track = words(), Track()
-    lines: list[Said] = [(SECOND, "ok(scan)", None), (SECOND // 2, "on(jaguar)", None)]
-    (one,) = track.add(rows_of(lines, known))
-    assert meant(one.codes[-1:], known.sensors) == [
-        {Literal(Atom("ok", ("scan",))), Literal(Atom("on", ("jaguar",)))}
-    ]
-
-
 def test_a_log_in_no_order_at_all_is_refused() -> None:
     known, track = words(), Track()
     lines: list[Said] = [(-time * 10 * SECOND, "ok(scan)", None) for time in range(2000)]
     with pytest.raises(LogRefused, match="sort it"):
         list(track.add(rows_of(lines, known)))
-
-
-@pytest.mark.parametrize("cut", [1, 2, 3])
-def test_a_lifetime_that_ends_with_a_block_has_run_out(cut: int) -> None:
-    known, track = words(), Track()
-    lines: list[Said] = [(5, "ok(scan)", 3), (8, "on(jaguar)", None), (9, "on(hokuyo)", None)]
-    rows = rows_of(lines, known)
-
-    def blocks() -> Iterator[Stretch]:
-        yield from track.add(rows.part(0, cut))
-        yield from track.add(rows.part(cut, 3))
-
-    found = held(blocks(), known)
-    assert found == by_obs(lines, known)
-    assert found[8] == {Literal(Atom("on", ("jaguar",)))}
-
-
-def test_a_lifetime_that_ends_with_the_log_has_run_out() -> None:
-    known = words()
-    lines: list[Said] = [(5, "ok(scan)", 3), (8, "on(jaguar)", None)]
-    found = held(Track().add(rows_of(lines, known)), known)
-    assert found[8] == {Literal(Atom("on", ("jaguar",)))}
-
-
-def test_of_equal_times_the_last_row_counts_also_where_others_come_late() -> None:
-    known = words()
-    lines: list[Said] = [(5, "ok(scan)", None), (5, "not ok(scan)", None), (3, "on(jaguar)", None)]
-    found = held(Track().add(rows_of(lines, known)), known)
-    assert found == by_obs(lines, known)
-    assert found[5] == {Literal(Atom("ok", ("scan",)), False), Literal(Atom("on", ("jaguar",)))}

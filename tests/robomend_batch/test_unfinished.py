@@ -11,7 +11,7 @@ from typing import Any
 
 import polars as pl
 import pytest
-from tests.robomend_batch.recordings import EPOCH_NS, Sample, write, write_bag
+from tests.robomend_batch.recordings import EPOCH_NS, Sample, write
 from tests.robomend_batch.rover import MODEL, OBSERVERS, drive, drive_in_chunks
 from tests.robomend_batch.running import TEDUSAR, tree
 
@@ -128,10 +128,7 @@ def agents(file: Path) -> None:
 
 
 def recording(file: Path) -> None:
-    if file.suffix == ".bag":
-        write_bag(file, drive(), chunk_bytes=20_000)
-    else:
-        write(file, drive())
+    write(file, drive(), chunk_bytes=20_000)
 
 
 def cut(file: Path) -> None:
@@ -143,7 +140,7 @@ def cut(file: Path) -> None:
 def twice(file: Path) -> None:
     """A bag in whose middle time goes back, so that it is not in the order of time."""
     again: list[Sample] = [(time + 8.0, topic, value) for time, topic, value in drive(4.0)]
-    write_bag(file, [*drive(), *again], stamp_s=0.0, chunk_bytes=20_000)
+    write(file, [*drive(), *again], stamp_s=0.0, chunk_bytes=20_000)
 
 
 def chunks(file: Path) -> None:
@@ -235,23 +232,6 @@ def test_a_log_that_is_stopped_at_every_place_leaves_the_same_bytes(
     assert steps >= 4
     assert found == expected
     assert tree(tmp_path / "steps") == tree(tmp_path / "once")
-
-
-def test_what_is_done_is_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = tmp_path / "long.ndjson"
-    ndjson(log)
-    read = 0
-    take = text._take
-
-    def counted(*given: Any) -> int:
-        nonlocal read
-        read += 1
-        return take(*given)
-
-    monkeypatch.setattr(text, "_take", counted)
-    _, steps = in_steps(setup_for(log, tmp_path / "out"), log)
-    assert steps > 4
-    assert read == 600
 
 
 @pytest.mark.parametrize(("write", "key"), [(history, "robot"), (history, "batch"), (old_history, "data")])

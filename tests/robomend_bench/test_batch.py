@@ -28,7 +28,7 @@ def test_each_part_gives_its_figures() -> None:
     assert found["recording"]["share"] > 0
 
 
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_the_model_to_measure_with_can_be_read_whatever_its_seed(seed: int, tmp_path: Path) -> None:
     atoms = write_model(tmp_path / "model.yaml", seed)
     system = load(str(tmp_path / "model.yaml"))
@@ -67,7 +67,7 @@ def test_a_fault_is_found_by_its_component_in_its_time() -> None:
     assert score.stray == 1  # one episode, of two components
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_drive_has_the_faults_that_were_planted(seed: int, tmp_path: Path) -> None:
     robot = drives.robot(seed)
     node = robot.sources[0]
@@ -90,12 +90,6 @@ def test_a_log_has_as_many_states_as_it_says(tmp_path: Path) -> None:
         frame = pl.read_parquet(tmp_path / "log.parquet")
         assert len(frame) == 20_000
         assert frame.drop("time").n_unique() >= 0.9 * distinct
-
-
-def test_an_unknown_part_is_refused() -> None:
-    done = CliRunner().invoke(command, ["--only", "wings"])
-    assert done.exit_code == 2
-    assert "'wings' is none of literals" in done.output
 
 
 def test_a_recording_is_as_large_on_disk_as_it_is_said_to_be(tmp_path: Path) -> None:

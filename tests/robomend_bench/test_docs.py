@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,6 @@ from click.testing import CliRunner
 
 from robomend_bench.baselines import BASELINES
 from robomend_bench.batch.command import PARTS as BATCH_PARTS
-from robomend_bench.batch.command import command as batch
 from robomend_bench.faults.bench import LATE_S
 from robomend_bench.faults.command import command as faults
 from robomend_bench.faults.field import BY_NAME
@@ -20,72 +20,42 @@ from robomend_bench.faults.policy import MOST_NODES, MOST_STATES
 from robomend_bench.faults.robot import robot_names
 from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.main import OTHERS, command
-from robomend_bench.robots.command import command as robots
+from robomend_bench.robots.command import PARTS as ROBOT_PARTS
 from robomend_bench.service.command import PARTS
-from robomend_bench.service.command import command as service
 from robomend_bench.suite import find_suite
 
-PAGE = (Path(__file__).parents[2] / "docs" / "benchmarks.md").read_text()
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "benchmarks.md").read_text()
+FIGURES = ("batch.md", "planning.md", "repair.md", "service-figures.md", "score.md", "observers.md")
 COMMANDS = sorted(
     {
         *re.findall(r"`robomend-bench ([a-z][^`]*)`", PAGE),
-        *re.findall(r"^robomend-bench ([a-z].*)$", PAGE, re.M),
+        *re.findall(r"^ *robomend-bench ([a-z].*)$", PAGE, re.M),
     }
 )
-
-
-@pytest.mark.parametrize("line", COMMANDS)
-def test_every_command_on_the_page_can_be_run(line: str) -> None:
-    context = command.make_context("robomend-bench", shlex.split(line.replace(" DIR ", " . ")))
-    suite = find_suite(context.params["suite"])
-    assert (context.params["mode"] or next(iter(suite.modes))) in suite.modes
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-FIGURES = [
-    DOCS / name
-    for name in ("batch.md", "planning.md", "repair.md", "service-figures.md", "score.md", "observers.md")
-]
 SHOWN = sorted(
     {
         line.strip()
         for page in FIGURES
         for line in (
-            *re.findall(r"`robomend-bench ([a-z][^`\n]*)`", page.read_text()),
-            *re.findall(r"^    robomend-bench (.+?)(?:  .*)?$", page.read_text(), re.M),
+            *re.findall(r"`robomend-bench ([a-z][^`\n]*)`", (DOCS / page).read_text()),
+            *re.findall(r"^    robomend-bench (.+?)(?:  .*)?$", (DOCS / page).read_text(), re.M),
         )
     }
 )
 
 
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] not in OTHERS])
-def test_every_command_that_made_figures_can_be_run(line: str) -> None:
-    test_every_command_on_the_page_can_be_run(line)
-
-
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "service"])
-def test_every_command_that_measured_the_service_can_be_run(line: str) -> None:
-    context = service.make_context("robomend-bench service", shlex.split(line)[1:])
-    assert set(context.params["parts"]) <= set(PARTS)
-
-
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "robots"])
-def test_every_command_that_measured_the_robot_s_side_can_be_run(line: str) -> None:
-    robots.make_context("robomend-bench robots", shlex.split(line)[1:])
-
-
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "batch"])
-def test_every_command_that_measured_logs_can_be_run(line: str) -> None:
-    context = batch.make_context("robomend-bench batch", shlex.split(line)[1:])
-    assert set(context.params["parts"]) <= set(BATCH_PARTS)
-
-
-@pytest.mark.parametrize(
-    "line", [line for line in SHOWN if line.split()[0] == "faults" and line != "faults --list"]
-)
-def test_every_command_of_the_score_can_be_run(line: str) -> None:
-    command_line = line.replace("/N", "/1").replace("OBSERVERS", "fast")
-    faults.make_context("robomend-bench faults", shlex.split(command_line)[1:])
+@pytest.mark.parametrize("line", sorted({*COMMANDS, *SHOWN} - {"faults --list"}))  # a list ends at once
+def test_every_command_of_the_pages_can_be_run(line: str) -> None:
+    shown = line.replace(" DIR ", " . ").replace("/N", "/1").replace("OBSERVERS", "fast")
+    name, *words = shlex.split(shown, comments=True)
+    if name in OTHERS:
+        asked = import_module(OTHERS[name][0]).command.make_context(name, words).params
+        assert set(asked.get("parts", ())) <= {*PARTS, *BATCH_PARTS, *ROBOT_PARTS}
+    else:
+        asked = command.make_context("robomend-bench", [name, *words]).params
+        suite = find_suite(asked["suite"])
+        assert (asked["mode"] or next(iter(suite.modes))) in suite.modes
 
 
 def test_the_list_of_the_score_names_every_class_stretch_and_robot_with_its_share() -> None:

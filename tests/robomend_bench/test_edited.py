@@ -63,10 +63,3 @@ def test_what_is_told_of_edited_recordings_is_counted_and_so_is_what_cannot_be_r
     assert [reason.split(":")[0] for reason in found["refused"]] == ["bad.bag"]
     assert (found["false_alarms"], found["alarms"], found["missed"]) == ({}, [], [])
     assert found["planted"] == found["found"] == dict.fromkeys(EDITS, 1)
-
-
-def told(
-    bad: str, *observations: str, begin_s: int = 5, end_s: int = 9, log: str = "edited.bag"
-) -> dict[str, object]:
-    at = {"start_ns": BEGIN_NS + begin_s * 10**9, "end_ns": BEGIN_NS + end_s * 10**9}
-    return {**at, "log": log, "state": "faulty", "bad": [[bad]], "observations": [*observations]}

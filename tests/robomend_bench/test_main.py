@@ -72,6 +72,9 @@ def test_what_is_there_is_listed(monkeypatch: pytest.MonkeyPatch, capsys: pytest
         (("iscas85", "--faults", "x"), "a number or a range"),
         (("iscas85", "--timeout", "0"), "0"),
         (("iscas85", "--instances", "0"), "0"),
+        (("robots", "--only", "speed,wings"), "'wings' is none of speed"),
+        (("batch", "--only", "wings"), "'wings' is none of literals"),
+        (("service", "--only", "fleets"), "fleets"),
     ],
 )
 def test_bad_input_exits_with_2_and_says_what_is_allowed(
@@ -91,3 +94,16 @@ def test_a_file_that_is_no_result_exits_with_2(
     other.write_text("{}")
     assert run(monkeypatch, "--compare", str(other), str(other)) == 2
     assert "not a result of robomend-bench" in capsys.readouterr().err
+
+
+def test_generated_robots_are_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("isolability", "--only", "40", "--repeats", "1")
+    assert run(monkeypatch, *arguments, "--format", "json") == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["at hand"] for row in rows] == ["all", "robots-v1", "few topics"]
+    assert rows[0]["groups"] < rows[2]["groups"]
+    assert all(row["complete"] for row in rows)
+    assert run(monkeypatch, *arguments) == 0
+    assert "| 40 | all |" in capsys.readouterr().out

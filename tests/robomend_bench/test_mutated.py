@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import re
 import shlex
 import sys
 from pathlib import Path
@@ -17,7 +16,7 @@ from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.model.loading import load_text
 from robomend_bench.generator import observe_mutated, read_circuit
-from robomend_bench.mutated import as_wcnf, command
+from robomend_bench.mutated import as_wcnf
 from robomend_bench.suite import DATA
 
 ONE = ("mutated", "--only", "c17", "--instances", "1", "--timeout", "60")
@@ -85,11 +84,3 @@ def test_bad_input_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(monkeypatch, "mutated", "--only", "c18") == 2
     assert run(monkeypatch, *ONE, "--against", "no-such-solver") == 2
     assert run(monkeypatch, *ONE, "--against", "no-such-solver {file}") == 2
-
-
-def test_the_command_in_the_docs_can_be_run() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "benchmarks.md").read_text()
-    lines = re.findall(r"^    robomend-bench mutated (.+)$", page, re.M)
-    assert lines
-    for line in lines:
-        command.make_context("robomend-bench mutated", shlex.split(line))

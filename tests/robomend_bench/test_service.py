@@ -161,12 +161,6 @@ def test_a_stop_is_measured_on_services_of_its_own() -> None:
     assert "of its own" in answer.output
 
 
-def test_a_part_that_there_is_not_is_refused() -> None:
-    answer = CliRunner().invoke(command, ["--only", "fleets"])
-    assert answer.exit_code == 2
-    assert "fleets" in answer.output
-
-
 def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path) -> None:
     where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     with Terminal("robomend-bench service --only stop --robots 2 --moments 400", tmp_path, where) as begun:

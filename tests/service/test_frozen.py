@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from subprocess import Popen
 from typing import Any
 
 import httpx
@@ -14,7 +18,8 @@ from tests.api.test_process import served, workers_of
 from tests.clients.running_agent import SLEEPER, pid_file
 from tests.clients.talker import watching
 from tests.freezing import frozen, starved
-from tests.service.board_robot import robot_with_board
+from tests.robomend_board.processes import Running
+from tests.robomend_board.processes import running as emulator
 from tests.waiting import until
 
 from robomend.cli.commands import run
@@ -29,6 +34,26 @@ MODEL = {
 }
 AGENTS = {"ok(motor)", "running(laser)"}
 BOARDS = {"on(lamp)", "ok(lamp_draws)"}
+
+
+@dataclass(frozen=True)
+class BoardRobot:
+    """The robot is called tedusar, as in the agents' configurations of tests."""
+
+    board: Running
+    service: Popen[str]
+    url: str
+    client: Client
+
+
+@contextmanager
+def robot_with_board(folder: Path, model: Mapping[str, Any]) -> Iterator[BoardRobot]:
+    """Serve it from a folder; nothing acts on it."""
+    with emulator("--on", "3") as board, served(folder) as (service, url), Client(url) as client:
+        client.put_model("bot", json.dumps(model))
+        at = {"host": "127.0.0.1", "port": board.port, "protected": [], "rate_hz": 10}
+        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+        yield BoardRobot(board, service, url, client)
 
 
 def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_path: Path) -> None:

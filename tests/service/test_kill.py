@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
-from tests.store.test_kill import whole_history
 
 from robomend.store import Store, View, events, observations
+from robomend.store.records import Paging, StoredBatch
 from robomend_bench.service.process import Served, model_text, start
 from robomend_bench.service.wire import ServiceGone, connect, request
 
@@ -66,6 +66,18 @@ async def load(service: Served, round_: int, after_s: float) -> list[tuple[str, 
     async with asyncio.timeout(60):
         await writers
     return acknowledged
+
+
+def whole_history(db: View, robot: str) -> list[StoredBatch]:
+    """Return all batches of a robot, oldest first."""
+    batches: list[StoredBatch] = []
+    cursor: str | None = None
+    while True:
+        page = observations.history(db, robot, Paging(cursor, 1000))
+        batches += page.items
+        cursor = page.next
+        if cursor is None:
+            return batches[::-1]
 
 
 def check(db: View, acknowledged: list[tuple[str, str]]) -> int:

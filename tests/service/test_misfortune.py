@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import resource
 import shlex
+import socket
 import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 import httpx
@@ -24,13 +26,12 @@ from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
-from tests.service.crowd import crowding
 from tests.store.test_damage import overwrite, written
 from tests.waiting import until
 
 from robomend_bench.service.load import SimulatedRobot, body, prepare
 from robomend_bench.service.process import served
-from robomend_bench.service.wire import connect, request
+from robomend_bench.service.wire import EventStream, address, connect, follow, request
 
 
 @contextmanager
@@ -238,6 +239,76 @@ def test_where_memory_ends_workers_are_missing_and_the_service_lives(tmp_path: P
         assert stopped.status_code in {200, 202}, stopped.text
         resource.prlimit(service.pid, resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         until(lambda: http.post("/diagnoses", json=large).status_code == 200, "no worker came back", 90)
+
+
+# --- clients that are slow, half gone or only listening
+#
+# slow readers     an event stream of everything, read a byte a second, the smallest buffer
+# slow writers     a body of a kilobyte, sent a byte a second
+# half-open        a connection with half a request line, and silence
+# idle streams     an event stream on which nothing happens
+
+
+@asynccontextmanager
+async def crowding(url: str, idle_robot: str) -> AsyncIterator[None]:
+    """Keep the crowd there while the block runs."""
+    tasks = [
+        *(asyncio.create_task(_slow_reader(url)) for _ in range(10)),
+        *(asyncio.create_task(_slow_writer(url, idle_robot)) for _ in range(10)),
+        *(asyncio.create_task(_half_open(url)) for _ in range(20)),
+    ]
+    streams: list[EventStream] = []
+    try:
+        for _ in range(50):
+            streams.append(await follow(url, lambda _: None, f"/api/v1/robots/{idle_robot}/events"))
+        await asyncio.sleep(1.0)  # until all of them are there
+        yield
+    finally:
+        for stream in streams:
+            stream.close()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _connection(url: str) -> socket.socket:
+    client = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)  # the kernel's least
+    client.setblocking(False)
+    await asyncio.get_running_loop().sock_connect(client, address(url))
+    return client
+
+
+async def _slow_reader(url: str) -> None:
+    loop = asyncio.get_running_loop()
+    while True:
+        with contextlib.suppress(OSError), await _connection(url) as client:
+            await loop.sock_sendall(client, request("GET", "/api/v1/events"))
+            while await loop.sock_recv(client, 1):
+                await asyncio.sleep(1.0)  # that is what slow means
+        await asyncio.sleep(1.0)  # it was thrown out, and comes back
+
+
+async def _slow_writer(url: str, robot: str) -> None:
+    loop = asyncio.get_running_loop()
+    wire = request("POST", f"/api/v1/robots/{robot}/observations", b" " * 1000)
+    head, letters = wire[:-1000], wire[-1000:]
+    while True:
+        with contextlib.suppress(OSError), await _connection(url) as client:
+            await loop.sock_sendall(client, head)
+            for position in range(len(letters)):
+                await loop.sock_sendall(client, letters[position : position + 1])
+                await asyncio.sleep(1.0)  # that is what slow means
+        await asyncio.sleep(1.0)  # it was thrown out, and comes back
+
+
+async def _half_open(url: str) -> None:
+    loop = asyncio.get_running_loop()
+    while True:
+        with contextlib.suppress(OSError), await _connection(url) as client:
+            await loop.sock_sendall(client, b"POST /api/v1/robots/")
+            await loop.sock_recv(client, 1)  # nothing comes, until the service has had enough
+        await asyncio.sleep(1.0)  # it was thrown out, and comes back
 
 
 def test_slow_half_open_and_idle_clients_hold_nobody_up() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ssl
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -13,13 +14,15 @@ from robomend.cli.commands import run
 from robomend_bench.service.process import NotReady, served
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def authority() -> trustme.CA:
     return trustme.CA()
 
 
-def issue(authority: trustme.CA, folder: Path) -> list[str]:
-    """Write a certificate of 127.0.0.1 and its key; return the service's options."""
+@pytest.fixture(scope="module")
+def options(authority: trustme.CA, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The service's options, with a certificate of 127.0.0.1 and its key."""
+    folder = tmp_path_factory.mktemp("tls")
     issued = authority.issue_cert("127.0.0.1")
     certificate, key = folder / "certificate.pem", folder / "key.pem"
     issued.private_key_pem.write_to_path(key)
@@ -28,53 +31,57 @@ def issue(authority: trustme.CA, folder: Path) -> list[str]:
     return ["--tls-certificate", str(certificate), "--tls-key", str(key)]
 
 
-def test_a_service_with_a_certificate_is_reached_over_tls_alone(
-    authority: trustme.CA, tmp_path: Path
-) -> None:
+@pytest.fixture(scope="module")
+def url(options: list[str]) -> Iterator[str]:
+    with served(options) as service:
+        yield service.url
+
+
+def test_a_service_with_a_certificate_is_reached_over_tls_alone(url: str, authority: trustme.CA) -> None:
     trusting = ssl.create_default_context()
     authority.configure_trust(trusting)
-    with served(issue(authority, tmp_path)) as service:
-        assert service.url.startswith("https://127.0.0.1:")
-        assert httpx.get(f"{service.url}/healthz", verify=trusting, timeout=60).json() == {"status": "ok"}
-        with pytest.raises(httpx.ConnectError):  # whoever does not know the authority does not talk to it
-            httpx.get(f"{service.url}/healthz", timeout=60)
-        with pytest.raises(httpx.HTTPError):
-            httpx.get(f"{service.url}/healthz".replace("https:", "http:"), timeout=60)
+    assert url.startswith("https://127.0.0.1:")
+    assert httpx.get(f"{url}/healthz", verify=trusting, timeout=60).json() == {"status": "ok"}
+    with pytest.raises(httpx.ConnectError):  # whoever does not know the authority does not talk to it
+        httpx.get(f"{url}/healthz", timeout=60)
+    with pytest.raises(httpx.HTTPError):
+        httpx.get(f"{url}/healthz".replace("https:", "http:"), timeout=60)
 
 
 def test_the_commands_say_what_tls_lacks_and_trust_whom_ssl_cert_file_names(
-    authority: trustme.CA, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    url: str,
+    authority: trustme.CA,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def status(url: str) -> tuple[int, str]:
         code = run(["status", "--url", url])
         return code, capsys.readouterr().err
 
-    with served(issue(authority, tmp_path)) as service:
-        code, said = status(service.url)
-        assert code == 3
-        assert "its certificate is not trusted (" in said
-        code, said = status(service.url.replace("https:", "http:"))
-        assert code == 3
-        assert "if it serves TLS, its address begins with https://" in said
-        authority.cert_pem.write_to_path(tmp_path / "authority.pem")
-        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "authority.pem"))
-        assert status(service.url)[0] == 0
-        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "none.pem"))
-        code, said = status(service.url)
-        assert code == 2
-        assert f"SSL_CERT_FILE={tmp_path / 'none.pem'}: " in said
+    code, said = status(url)
+    assert code == 3
+    assert "its certificate is not trusted (" in said
+    code, said = status(url.replace("https:", "http:"))
+    assert code == 3
+    assert "if it serves TLS, its address begins with https://" in said
+    authority.cert_pem.write_to_path(tmp_path / "authority.pem")
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "authority.pem"))
+    assert status(url)[0] == 0
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "none.pem"))
+    code, said = status(url)
+    assert code == 2
+    assert f"SSL_CERT_FILE={tmp_path / 'none.pem'}: " in said
 
 
 def test_the_doctor_knows_a_service_by_its_answer_over_tls(
-    authority: trustme.CA, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with served(issue(authority, tmp_path)) as service:
-        monkeypatch.setenv("ROBOMEND_PORT", service.url.rpartition(":")[2])
-        run(["doctor", "--data", str(tmp_path)])
-        assert "a service runs there, robomend" in capsys.readouterr().out.splitlines()[-1]
+    monkeypatch.setenv("ROBOMEND_PORT", url.rpartition(":")[2])
+    run(["doctor", "--data", str(tmp_path)])
+    assert "a service runs there, robomend" in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_a_certificate_without_its_key_is_refused(authority: trustme.CA, tmp_path: Path) -> None:
-    without_key = issue(authority, tmp_path)[:2]
-    with pytest.raises(NotReady, match="tls_certificate and tls_key go together"), served(without_key):
+def test_a_certificate_without_its_key_is_refused(options: list[str]) -> None:
+    with pytest.raises(NotReady, match="tls_certificate and tls_key go together"), served(options[:2]):
         pass

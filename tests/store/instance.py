@@ -1,6 +1,5 @@
 """A process for tests to kill: `python -m tests.store.instance URL JOB`. It says what it was told is safe.
 
-write     sixteen writers observe robots w0 … w7: a line `robot marker` for each acknowledgement
 own       acquires r1, begins a repair and journals an intent: a line `fence repair`, then waits
 act       acquires r1, and acts on it again and again: a line `acts` and the time since boot for each;
           `fenced` when it may not any more. SIGUSR1 holds its event loop until SIGUSR2.
@@ -14,52 +13,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.store.examples import entry, with_robots
-
 from robomend.errors import Fenced
-from robomend.store import Store, Transaction, journal, observations, repairs, robots
-from robomend.store.records import IdempotencyKey
-
-WRITERS = 16
-ROBOTS = tuple(f"w{number}" for number in range(8))
+from robomend.store import Store, journal, repairs
 
 
 def say(line: str) -> None:
     """Hand a line to the test at once: what is in a buffer of ours dies with us."""
     os.write(1, f"{line}\n".encode())
-
-
-async def write(store: Store) -> None:
-    """Write for ever, and tell of each write that was acknowledged."""
-    if not (await store.read(robots.page)).items:
-        await with_robots(store, *ROBOTS)
-    say("ready")
-
-    async def writer(number: int) -> None:
-        robot, count = ROBOTS[number % len(ROBOTS)], 0
-        while True:
-            count += 1
-            marker = f"{os.getpid()}-{number}-{count}"
-            await store.write(
-                accept(robot, marker), robots=(robot,), once=IdempotencyKey(robot, marker, marker)
-            )
-            say(f"{robot} {marker}")
-
-    await asyncio.gather(*(writer(number) for number in range(WRITERS)))
-
-
-def accept(robot: str, marker: str) -> Callable[[Transaction], int]:
-    """Return the change that one acknowledgement stands for: history, OBS and event."""
-
-    def change(tx: Transaction) -> int:
-        entries = [entry(marker)]
-        return observations.observe(tx, robot, accepted=entries, changed=[entry("last", source=marker)])
-
-    return change
 
 
 async def own(store: Store) -> None:
@@ -127,7 +91,7 @@ async def main(url: str, job: str) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR2})  # of all threads: it is waited for
     store = Store(url)
     await store.start()
-    await {"write": write, "own": own, "act": act}[job](store)
+    await {"own": own, "act": act}[job](store)
 
 
 if __name__ == "__main__":

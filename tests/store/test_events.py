@@ -10,7 +10,6 @@ from tests.store.examples import entry, with_robots
 from tests.waiting import eventually
 
 from robomend.store import Store, Transaction, View, diagnoses, events, observations
-from robomend.store.records import EventRange
 from robomend.store.store import Tail
 from robomend_client.events import Event, Kind
 
@@ -23,17 +22,6 @@ async def emit(store: Store, *robots: str | None) -> None:
             tx.emit(Kind.ROBOT, robot, {"by": robot})
 
     await store.write(change)
-
-
-async def test_events_are_replayed_after_an_id_and_by_robot(store: Store) -> None:
-    assert await store.read(events.kept) == EventRange(1, 0)
-    await emit(store, "a", "b", None, "a")
-    assert [e.robot for e in await store.read(events.after, 1)] == ["b", None, "a"]
-    assert [e.id for e in await store.read(events.after, 0, robot="a")] == [1, 4]
-    assert [e.id for e in await store.read(events.after, 0, limit=2)] == [1, 2]
-    assert await store.read(events.kept) == EventRange(1, 4)
-    event = (await store.read(events.after, 3))[0]
-    assert (event.kind, event.data) == (Kind.ROBOT, {"by": "a"})
 
 
 async def test_subscribers_hear_the_events_of_all_instances_in_order(store: Store, second: Store) -> None:
@@ -127,22 +115,6 @@ async def test_an_own_commit_that_overtakes_a_read_of_the_log_comes_once() -> No
     await eventually(lambda: tail.last >= 4, "the tail is there")
     assert heard == [1, 2, 3, 4]
     await tail.close()
-
-
-async def test_who_listens_for_kinds_is_called_where_one_of_them_is(store: Store) -> None:
-    heard: dict[str, list[int]] = {"robots": [], "repairs": [], "all": []}
-    ends = [
-        store.subscribe(lambda events: heard["robots"].extend(e.id for e in events), (Kind.ROBOT,)),
-        store.subscribe(lambda events: heard["repairs"].extend(e.id for e in events), (Kind.REPAIR,)),
-        store.subscribe(lambda events: heard["all"].extend(e.id for e in events)),
-    ]
-    await emit(store, "a", "b")
-    await asyncio.sleep(0)
-    for end in ends:
-        end()
-    await emit(store, "c")
-    await asyncio.sleep(0)
-    assert heard == {"robots": [1, 2], "repairs": [], "all": [1, 2]}
 
 
 async def test_a_page_may_end_between_the_two_events_of_a_change(store: Store) -> None:

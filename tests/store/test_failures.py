@@ -8,7 +8,7 @@ import pickle
 import sqlite3
 import threading
 from collections.abc import Awaitable, Callable
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -321,16 +321,3 @@ async def test_one_who_waits_for_too_long_is_told_and_the_next_write_goes_on(
     other.close()
     assert (await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))).active
     await store.close()
-
-
-def test_a_writers_connection_waits_again_when_it_is_a_readers(tmp_path: Path) -> None:
-    opened = database.Database(f"sqlite:///{tmp_path}/robomend.db")
-    opened.prepare()
-    with closing(opened.open_writer()) as writer:
-        with writer.begin():
-            assert writer.exec_driver_sql("PRAGMA busy_timeout").scalar() == 0
-        used = writer.connection.driver_connection
-    with opened.reading() as reader:
-        assert reader.connection.driver_connection is used
-        assert reader.exec_driver_sql("PRAGMA busy_timeout").scalar() == database.BUSY_TIMEOUT_S * 1000
-    opened.dispose()

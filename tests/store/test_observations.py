@@ -1,18 +1,16 @@
-"""OBS, history, diagnoses, and what a group of changes shares."""
+"""OBS, history, configurations, and what a group of changes shares."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import pytest
-from sqlalchemy import select
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import InputError, NotFound, StateConflict
-from robomend.store import Store, Transaction, View, audit, diagnoses, events, observations, robots, schema
-from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
+from robomend.errors import InputError, NotFound
+from robomend.store import Store, Transaction, audit, diagnoses, events, observations, robots
+from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredBatch
 from robomend_client.events import Kind
 from robomend_client.literals import Atom, Literal
 
@@ -28,6 +26,14 @@ async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
     assert {e.atom for e in obs.entries} == set(odd)
     history = await store.read(observations.history, "r1")
     assert history.items[0].entries == tuple(entries)
+
+
+async def test_a_configuration_may_hold_any_json(store: Store) -> None:
+    config = {"note": "NUL \x00, half \ud800, ∪", "deep": [[[{"x": None}]]], "n": 10**30, "f": 0.1}
+    await store.write(lambda tx: robots.put(tx, "r1", config, expected=None))
+    assert (await store.read(robots.get, "r1")).config == config
+    with pytest.raises(InputError):
+        await store.write(lambda tx: robots.put(tx, "r2", {"n": float("nan")}, expected=None))
 
 
 async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_jumps_back(
@@ -123,23 +129,6 @@ async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None
     assert await observe(store, "r2", entry("b")) == 1
 
 
-async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Store) -> None:
-    await with_robots(store, "r1")
-    once = IdempotencyKey("ada POST /robots/r1/observations", "key-1", "digest")
-
-    def accept(tx: Transaction) -> Mapping[str, int]:
-        return {"revision": observations.observe(tx, "r1", changed=[entry("scan")])}
-
-    calls = [store.write(accept, robots=("r1",), once=once) for _ in range(5)]
-    assert await asyncio.gather(*calls) == [{"revision": 1}] * 5
-    assert await store.write(accept, robots=("r1",), once=once) == {"revision": 1}
-    with pytest.raises(StateConflict) as refused:
-        await store.write(accept, once=IdempotencyKey(once.scope, once.key, "another digest"))
-    assert refused.value.code == "idempotency-key-reused"
-    other_scope = IdempotencyKey("bob", once.key, "digest")
-    assert await store.write(accept, once=other_scope) == {"revision": 2}
-
-
 async def test_a_key_is_free_again_after_its_time_and_after_a_failure(store: Store) -> None:
     await with_robots(store, "r1")
     short = IdempotencyKey("ada", "k", "one", ttl_s=0)
@@ -152,40 +141,6 @@ async def test_a_key_is_free_again_after_its_time_and_after_a_failure(store: Sto
     with pytest.raises(NotFound):
         await store.write(lambda tx: observations.observe(tx, "nobody"), once=failing)
     assert await store.write(lambda tx: observations.observe(tx, "r1"), once=failing) == 3
-
-
-async def test_an_answer_that_is_no_json_is_refused_whole(store: Store) -> None:
-    await with_robots(store, "r1")
-
-    def accept(tx: Transaction) -> object:
-        observations.observe(tx, "r1")
-        return object()
-
-    with pytest.raises(InputError):
-        await store.write(accept, once=IdempotencyKey("ada", "k", "one"))
-    assert await store.read(observations.revision, "r1") == 0
-
-
-async def test_a_change_sees_its_own_writes_and_those_before_it_in_the_group(store: Store) -> None:
-    await with_robots(store, "r1")
-
-    def write_then_read(tx: Transaction) -> tuple[int, int, int]:
-        night = StoredAssertion("night", "ok(scan)", "ada", 5)
-        revision = observations.observe(tx, "r1", accepted=[entry("a")], asserted=[night])
-        kept = tx.rows(select(schema.assertions))
-        return revision, observations.revision(tx, "r1"), len(kept)
-
-    calls = [observe(store, "r1", entry("b")), store.write(write_then_read), observe(store, "r1", entry("c"))]
-    assert await asyncio.gather(*calls) == [1, (2, 2, 1), 3]
-
-
-@pytest.mark.parametrize("read", [observations.obs, observations.history, diagnoses.page, robots.newest])
-async def test_a_change_is_not_told_of_a_log_that_lacks_what_it_wrote(
-    store: Store, read: Callable[[View, str], object]
-) -> None:
-    await with_robots(store, "r1")
-    with pytest.raises(RuntimeError, match="written at the end of a group"):
-        await store.write(lambda tx: read(tx, "r1"))
 
 
 async def test_a_cancelled_caller_takes_nothing_back(store: Store) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 from operator import eq
 
 import pytest
-from tests.store.examples import intents, with_robots
+from tests.store.examples import with_robots
 
 from robomend.errors import Fenced, NotFound, StateConflict
 from robomend.store import (
@@ -113,26 +113,8 @@ async def test_a_fence_gives_no_right_to_another_robot(store: Store) -> None:
         await intend(store, repair, 0, fence)
 
 
-async def test_the_journal_tells_what_a_crash_left_open(store: Store) -> None:
-    fence = await own(store)
-    repair = await begin(store, fence)
-    first, second = await intend(store, repair, 0, fence), await intend(store, repair, 1, fence)
-    settled = await store.write(lambda tx: journal.settle(tx, first.id, 0, "on", fence=fence))
-    assert (settled.code, settled.message) == (0, "on")
-    assert await store.read(journal.unsettled, "r1") == (second,)
-    assert await store.read(intents, repair.id) == (settled, second)
-    again = await store.write(lambda tx: journal.settle(tx, first.id, 1, "late", fence=fence))
-    assert again == settled
-    with pytest.raises(StateConflict):
-        await intend(store, repair, 0, fence)
-
-
 def remember(attempt: StoredAttempt, fence: Fence, tx: Transaction) -> None:
     attempts.remember(tx, attempt, fence=fence)
-
-
-def count(component: str, fence: Fence, tx: Transaction) -> None:
-    attempts.count(tx, "r1", component, "r-1", fence=fence)
 
 
 async def test_what_was_tried_on_other_robots_of_the_model_is_read_a_few_of_each_and_no_drills(
@@ -172,33 +154,6 @@ async def test_many_drills_do_not_crowd_out_what_was_tried_of_real_faults(store:
     assert await store.read(attempts.tried, "r1") == tuple(reversed(real))
     of_one = await store.read(lambda view: attempts.tried(view, "r1", drill="d-1"))
     assert of_one == (*reversed(drilled[1::2]), *reversed(real))
-
-
-async def test_memory_quarantine_and_attempts(store: Store) -> None:
-    fence = await own(store)
-    tried = [
-        StoredAttempt("r1", ("jaguar",), ("power_up(jaguar)",), False, True, "r-1", 5, {"round": 1}),
-        StoredAttempt("r1", ("jaguar_node",), (), True, True, None, 4),
-    ]
-    for attempt in tried:
-        await store.write(partial(remember, attempt, fence))
-    assert await store.read(attempts.tried, "r1") == tuple(reversed(tried))
-    assert await store.write(lambda tx: attempts.forget(tx, "r1", "router")) == 0
-    assert await store.write(lambda tx: attempts.forget(tx, "r1", "jaguar")) == 1
-    assert await store.read(attempts.tried, "r1") == (tried[1],)
-    assert await store.write(lambda tx: attempts.forget(tx, "r1", "jaguar_node")) == 1
-
-    entry = Quarantine("r1", "jaguar", "failed 3 times", 3, since_ns=1, until_ns=2)
-    await store.write(lambda tx: attempts.put_quarantine(tx, entry, fence=fence))
-    assert await store.read(attempts.quarantine, "r1") == (entry,)
-    assert await store.write(lambda tx: attempts.release_quarantine(tx, "r1", "jaguar")) == entry
-    with pytest.raises(NotFound):
-        await store.write(lambda tx: attempts.release_quarantine(tx, "r1", "jaguar"))
-
-    for component in ("jaguar", "hokuyo", "jaguar"):
-        await store.write(partial(count, component, fence))
-    assert await store.read(attempts.counted, "r1", 0) == {"jaguar": 2, "hokuyo": 1}
-    assert await store.read(attempts.counted, "r1", 2**62) == {}
 
 
 async def queue(store: Store, action: str, host: str | None = None, timeout_s: float = 60.0) -> AgentAction:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from robomend_batch.learn.delays import DelayFound, learn_delays
@@ -28,19 +27,6 @@ def learn(**topics: Times) -> dict[str, DelayFound]:
     pieces = {name: [times] for name, times in topics.items()}
     found, _ = learn_delays(pieces, {name: f"/{name}_node" for name in topics}, 0.2, 0.01)
     return {one.out_topic: one for one in found}
-
-
-def test_an_answer_inherits_the_jitter_of_what_it_answers() -> None:
-    scan = timer(10)
-    found = learn(scan=scan, map=answer(scan, 0.02), odom=timer(20))
-    assert found.keys() == {"map"}
-    assert found["map"].in_topic == "scan"
-    assert found["map"].usual_s == pytest.approx(0.02, rel=0.1)
-    assert found["map"].within.value > found["map"].within.largest
-
-
-def test_two_timers_of_one_computer_answer_nobody() -> None:
-    assert learn(scan=timer(10), odom=timer(10, offset=0.02), imu=timer(20, offset=0.01)) == {}
 
 
 def test_one_answer_to_several_messages_is_one() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robomend.model.from_graph import Entries, observers_lines, slug, upwards, word
+from robomend.model.from_graph import Entries, observers_lines, upwards
 from robomend_batch.learn.draft import LearnedSigns, outwards
 from robomend_batch.learn.ranges import RangeFound, StatusFound
 from robomend_batch.learn.tails import Bound
@@ -48,14 +48,6 @@ def test_a_rounded_bound_is_no_tighter() -> None:
         assert value <= float(upwards(value)) <= 1.01 * value
         assert value <= float(outwards(value, 1)) <= 1.001 * value
         assert -1.001 * value <= float(outwards(-value, -1)) <= -value
-
-
-def test_names_are_plain_and_each_its_own() -> None:
-    assert slug("hokuyo: CPU 1 temp") == "hokuyo_CPU_1_temp"
-    assert slug("a b", {"a_b", "a_b2"}) == "a_b3"
-    assert slug("°") == "value"
-    assert slug("3d") == "v3d"
-    assert [word(name) for name in ("scan", "on", "a b")] == ["scan", '"on"', '"a b"']
 
 
 @pytest.mark.parametrize(

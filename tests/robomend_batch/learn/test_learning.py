@@ -351,21 +351,6 @@ def test_fields_of_ros_2_messages_that_go_together_are_related(tmp_path: Path) -
     assert 'first: "imu:angular_velocity.z", second: "odom:twist.twist.angular.z"' in text
 
 
-def test_a_thermometer_has_a_range(tmp_path: Path) -> None:
-    def drive(name: str, hot_s: float) -> Path:
-        chance = random.Random(name)
-        samples = [(0.2 * n, 95.0 if 0.2 * n >= hot_s else chance.gauss(50, 1.5)) for n in range(900)]
-        return write(tmp_path / f"{name}.bag", [(time_s, "temperature", value) for time_s, value in samples])
-
-    assert learn(drive("good", 1000), "-o", tmp_path, "--quiet") == 0
-    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
-    logs = drive("healthy", 1000), drive("hot", 100)
-    assert batch_run(tmp_path / "out", *logs, "--observers", observers, model=model) == 0
-    faulty = [one for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
-    assert [(one["log"], one["bad"]) for one in faulty] == [(str(logs[1]), [["publisher_of_temperature"]])]
-    assert 100 <= faulty[0]["start_ns"] / SECOND - EPOCH_NS / SECOND <= 101
-
-
 def test_diagnostics_without_a_publisher_blame_the_node_that_they_name(tmp_path: Path) -> None:
     values = [(float(second), "diagnostics", 40.0 + second % 7) for second in range(120)]
     log = write(tmp_path / "drive.mcap", [*values, *steady("scan", 10, 120)])

@@ -8,9 +8,7 @@ import pytest
 from robomend_batch.learn.gathering import Series
 from robomend_batch.learn.matches import MatchFound, learn_matches
 from robomend_batch.learn.stretches import Stretch
-from robomend_client.literals import parse_atom
-from robomend_client.observers import SECOND, Driver
-from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
+from robomend_client.observers import SECOND
 
 NODES = {"odom": "/base", "imu": "/imu", "motor": "/motor"}
 LENGTH_S = 600
@@ -36,35 +34,6 @@ def learn(**values: Series) -> list[MatchFound]:
     stretch = Stretch(0, 0, LENGTH_S * SECOND, False)
     named = {name.replace("__", ":"): one for name, one in values.items()}
     return learn_matches(named, NODES, [stretch])
-
-
-def mismatches(found: MatchFound, first: object, second: object) -> int:
-    expected = Match(
-        slope=found.slope,
-        second_slope=found.second_slope,
-        compare=found.compare,
-        threshold=found.threshold,
-    )
-    observer = BinaryQualitativeObserver("matched(a,b)", found.first, found.second, expected)
-    driver = Driver([observer], 0)
-    bad = 0
-    for time, a, b in zip(TIMES.tolist(), np.asarray(first), np.asarray(second), strict=True):
-        for source, value in ((found.first, a), (found.second, b)):
-            changes = driver.sample(source, round(time * SECOND), float(value))
-            bad += sum(change.value is not None and not change.value.positive for change in changes)
-    assert parse_atom("matched(a,b)") == observer.atoms[0]
-    return bad
-
-
-def test_two_views_of_one_turn_go_together_and_a_frozen_one_is_noticed() -> None:
-    turn = turning(1)
-    (found,) = learn(odom__z=series(turn), imu__z=series(turn, seed=1), motor__t=series(turning(2)))
-    assert {found.first, found.second} == {"odom:z", "imu:z"}
-    assert found.correlation > 0.98
-    again = turning(3)
-    assert mismatches(found, again, again + 0.01) == 0
-    frozen = np.where(TIMES < 200, again, again[2000])
-    assert mismatches(found, again, frozen) >= 1
 
 
 @pytest.mark.parametrize("second", ["standing", "another", "opposite"])

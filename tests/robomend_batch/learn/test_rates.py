@@ -51,14 +51,6 @@ def test_a_healthy_topic_with_pauses_that_were_never_seen_raises_no_alarm() -> N
     assert alarms(found, beats(10, 900, 2, ((200, 1.2), (500, 0.8)))) == 0
 
 
-def test_half_of_the_messages_and_silence_are_noticed() -> None:
-    found = learned(beats(10, 900, 1, ((100, 0.3),)))
-    assert not found.only_silence
-    whole = beats(10, 300, 2)
-    assert alarms(found, np.concatenate([whole[:1000], whole[1000::2]])) == 1
-    assert alarms(found, np.concatenate([whole[:1000], whole[2000:]])) == 1
-
-
 def test_what_silence_lets_pass_the_rate_lets_pass() -> None:
     found = learned(beats(10, 900, 1))
     length = 0.95 * found.silence_s

@@ -6,34 +6,29 @@ import json
 import logging
 import re
 import shlex
-import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.robomend_bench.test_main import run as bench
 
 from robomend_bench.faults.classes import CLASSES
-from robomend_bench.faults.command import choose, command, judge, names_in
+from robomend_bench.faults.command import Kept, OtherTerms, choose, command, judge, names_in
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.report import Report
 from robomend_bench.faults.robot import robot_names
 from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.standins import IN_USE
 from robomend_bench.faults.stretches import STRETCHES
-from robomend_bench.main import main
 
 ALL = list(names_in("usual"))
 USUAL_STRETCHES = [each.name for each in STRETCHES if each.world == "usual"]
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["robomend-bench", "faults", *arguments])
-    try:
-        main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
+    return bench(monkeypatch, "faults", *arguments)
 
 
 # --- which trials ----------------------------------------------------------------------------------------
@@ -152,6 +147,58 @@ def test_lists_name_what_went_wrong_and_nothing_else() -> None:
         "Neither repaired nor escalated with its cause (1 trials)": {"base/off/1.4"},
     }
     assert "; and 2 more" in sections["Wrong acts (1 trials)"]
+
+
+# --- a run in pieces ------------------------------------------------------------------------------------
+
+TERMS = {"observers": "fast", "agent": "service", "load": 0}
+WELL = Score(
+    "base/off/1.1", "off", "faults", repairable=True, repaired=True, repaired_s=1.5, parts={"acts": 0.3}
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (
+            json.dumps({"terms": {**TERMS, "observers": "published"}}),
+            "observers: 'published' there, 'fast' now",
+        ),
+        (json.dumps({"terms": {**TERMS, "boots": True}}), "boots: True there, None now"),
+        ("a list of purchases", "is no file of scores"),
+        ("[1]", "is no file of scores"),
+        (json.dumps({"terms": TERMS}) + "\n{}\n" + json.dumps(WELL.as_json()), "line 2: no score"),
+    ],
+)
+def test_what_is_of_another_kind_is_refused(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "scores"
+    path.write_text(text)
+    with pytest.raises(OtherTerms, match=why):
+        Kept(path, TERMS)
+    assert path.read_text() == text
+
+
+def test_pieces_come_to_the_same_as_one_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    few = ("--robots", "base", "--observers", "fast", "--agent", "perfect", "--classes", "off,dead-node,boot")
+    one = (*few, "--trials", "4", "--stretches", "1", "--format", "json")
+    kept = ("--keep", str(tmp_path / "scores"))
+
+    def told(*arguments: str) -> dict[str, Any]:
+        assert run(monkeypatch, *arguments) == 0
+        found: dict[str, Any] = json.loads(capsys.readouterr().out)
+        return found
+
+    whole = told(*one)
+    nothing = told(*one, *kept, "--minutes", "1e-9")
+    assert (nothing["scores"], nothing["not_begun"]) == ([], 5)
+    assert len(told(*few, *kept, "--trials", "2", "--stretches", "0", "--format", "json")["scores"]) == 2
+    pieces = told(*one, *kept)
+    assert (pieces["scores"], pieces["figures"]) == (whole["scores"], whole["figures"])
+    lines = (tmp_path / "scores").read_text()
+    assert told(*one, *kept)["scores"] == whole["scores"]
+    assert (tmp_path / "scores").read_text() == lines  # nothing was played
 
 
 # --- for real --------------------------------------------------------------------------------------------

@@ -1,11 +1,11 @@
-"""The cheapest repair of one who sees only what can be observed: small cases worked out by hand."""
+"""What can be told of a robot, and the cheapest repair of one who sees only that: worked out by hand."""
 
 from __future__ import annotations
 
 import itertools
 
 import pytest
-from tests.robomend_bench.faults.small import ROBOT
+from tests.robomend_bench.faults.small import ROBOT, with_faults
 
 from robomend_bench.faults.anatomy import Anatomy, read_anatomy
 from robomend_bench.faults.classes import universe_of
@@ -82,3 +82,30 @@ def test_with_full_knowledge_it_costs_what_brute_force_finds(faults: tuple[str, 
     cost = sum(COSTS[act.name] for act in acts)
     # A driver may also be stopped before its device comes back, which costs the same.
     assert cost == brute_force(small, state)
+
+
+UNIVERSE = universe_of(ROBOT)
+
+
+def told_apart(*pairs: tuple[str, str]) -> bool:
+    state = with_faults(*pairs)
+    return UNIVERSE.told_apart({component for component, _ in pairs}, abnormal(ROBOT, state))
+
+
+@pytest.mark.parametrize(
+    ("fault", "apart"),
+    [
+        (("mapper", "hung"), True),
+        (("driver", "dead"), True),
+        (("lidar", "off"), True),
+        (("driver", "hung"), False),  # or the lidar
+        (("lidar", "hung"), False),  # or the driver
+        (("lidar", "broken"), False),
+        (("driver", "half-rate"), True),  # a device that hangs silences the rest, too
+        (("planner", "half-rate"), True),
+        (("controller", "hung"), False),  # or the estimator
+        (("controller", "dead"), True),
+    ],
+)
+def test_what_can_be_told_apart(fault: tuple[str, str], apart: bool) -> None:
+    assert told_apart(fault) is apart

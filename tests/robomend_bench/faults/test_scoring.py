@@ -302,3 +302,13 @@ def test_idling_does_not_win() -> None:
     assert sum(found.points for found in faults) <= 0
     [stretch] = played("idle", [Trial("base", STRETCHES[1].name, 1, 1)])
     assert stretch.points == 1.0
+
+
+@pytest.mark.parametrize("trial", ["base/hung-node", "underwater/feed", "loops/loop"])
+def test_the_parts_of_the_time_to_repaired_add_up(trial: str) -> None:
+    robot, cls = trial.split("/")
+    [found] = played("perfect", [Trial(robot, cls, 1, 1)])
+    assert found.repaired_s is not None
+    assert sum(found.parts.values()) == pytest.approx(found.repaired_s)
+    assert found.parts["acts"] > 0.1
+    assert found.parts["missing effect"] == 0  # it knows what helps
