@@ -12,8 +12,10 @@ import json
 import math
 import os
 import random
+import sqlite3
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -301,7 +303,7 @@ def test_a_damaged_log_gives_no_wrong_verdict_that_is_called_ok(
     assert record["state"] == expected_state(name), record["problems"]
     assert [line["bad"] for line in truth if line["state"] == "faulty"], truth
     whole = log.read_bytes()
-    chance = random.Random(f"{by_values} {name}")
+    chance = random.Random(f"{name} {by_values}")
     ways = [_flipped] * (FLIPS // (2 * len(FORMATS))) + [DAMAGES[n % len(DAMAGES)] for n in range(COPIES)]
     if "stream" in name:  # where time goes back a recording has segments, and no index says otherwise
         ways = [damage for damage in ways if damage is not _chunks_swapped]
@@ -315,3 +317,23 @@ def test_a_damaged_log_gives_no_wrong_verdict_that_is_called_ok(
         if data != whole and (lie := _lie(record, lines, truth, value_s)):
             lies.append(f"copy {number}, {damage.__name__}: {lie}, {record['problems']}")
     assert not lies, "\n".join(lies)
+
+
+def test_an_index_of_which_nothing_can_be_read_is_said_and_its_rows_are_taken_at_their_word(
+    tmp_path: Path,
+) -> None:
+    log = tmp_path / "plain.db3"
+    FORMATS[log.name](log)
+    bench = Bench(tmp_path / "out", observers=OBSERVERS.split("observers")[0])
+    _, truth = bench.told(log)
+    with closing(sqlite3.connect(log)) as base:
+        (page_bytes,) = base.execute("PRAGMA page_size").fetchone()
+        (page,) = base.execute("SELECT rootpage FROM sqlite_master WHERE name = 'timestamp_idx'").fetchone()
+    data = bytearray(log.read_bytes())
+    end = page * page_bytes - 23  # among its first entries, which are at the end of its page
+    data[end - 16 : end] = bytes(16)
+    log.write_bytes(data)
+    record, lines = bench.told(log)
+    assert record["state"] != "ok", record
+    assert ["its rows and its index disagree" in one["reason"] for one in record["problems"]] == [True]
+    assert [line["bad"] for line in lines] == [line["bad"] for line in truth]

@@ -257,6 +257,8 @@ class _Rows:
             for number, time_ns, _ in _until_damaged(base, query):
                 said.setdefault(number, []).append(time_ns)
         sure = {number: times[0] for number, times in said.items() if len(set(times)) == 1 and len(times) > 1}
+        if not sure:  # the index is lost: its rows are taken at their word
+            sure = {number: times[0] for number, times in said.items()}
         order = sorted(said)
         self._found: list[tuple[int, int, int]] = []  # time, row, topic; a HOLE: the row is lost
         for at, number in enumerate(order):

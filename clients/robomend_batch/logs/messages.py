@@ -161,6 +161,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
         _tell(recording, path, opened.problems)
         if place is not None:
             yield Block("", Place(reading, (latest_ns - first_ns) / max(1, end_ns - first_ns)))
+    _tell(recording, path, opened.problems)  # of what was found where no message came any more, too
     end_ns = latest_ns if recording.cut else max(end_ns, latest_ns)
     if restarts.seen or by_header:  # the end of the recording is by another clock
         end_ns = driver.now_ns
