@@ -119,7 +119,7 @@ def test_a_computer_that_is_starved_is_named_wherever_a_person_looks_and_since_w
                 status = " ".join(capsys.readouterr().out.split())
                 run(["doctor", "--robot", "tedusar", "--url", url])
                 doctor = " ".join(capsys.readouterr().out.split())
-            assert robot["state"] == "partly-unknown"
+            assert robot["state"] in {"partly-unknown", "unknown"}  # what came last counts for some seconds
             for text in (robot["headline"], str(robot["findings"]), page, status, doctor):
                 assert f"{words}: what comes late is unknown" in text
             until(lambda: not since(), "that it is starved no more", 60)
