@@ -64,16 +64,24 @@ def test_an_agent_that_was_halted_finds_the_robot_as_it_was(
         eventually(lambda: len(service.batches()) > batches + 10, "more of it", 60)
         eventually(lambda: WELL.items() <= service.signs().items(), "all well again", 60)
         assert said(service, batches) == set(WELL)
-        if robot.origin == "ros1":
-            return
-        # What waited is no sign that others have found it again: here they are busy, and find it later.
+
+
+@pytest.mark.timeout(300)  # a whole session
+@pytest.mark.parametrize("robot", ["ros2", "zenoh"], indirect=True)
+def test_what_waited_while_the_agent_was_halted_is_no_sign_that_others_have_found_it_again(
+    robot: AnyRobot, service: ServiceDouble, tmp_path: Path
+) -> None:
+    """They are busy when it goes on, and find it later: until then their topics are unknown."""
+    sections = watching(robot)
+    topics = {"ok(laser)", "ok(motor)"}
+    with agent(config(tmp_path, service.url, {}, **sections)) as halted:
+        eventually(lambda: WELL.items() <= service.signs().items(), "all well", 60)
         halted.send_signal(signal.SIGSTOP)
-        time.sleep(LONG_S)  # likewise
+        time.sleep(LONG_S)  # time itself is what passes unseen
         batches = len(service.batches())
         for name in ("laser", "motor"):
             robot.nodes[name].signal(signal.SIGSTOP)
         halted.send_signal(signal.SIGCONT)
-        topics = {"ok(laser)", "ok(motor)"}
         eventually(lambda: service.signs().items() >= dict.fromkeys(topics).items(), "unknown", 60)
         time.sleep(3)  # longer than any silence
         for name in ("laser", "motor"):
