@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -60,20 +62,27 @@ def test_all_minimal_conflicts_are_among_them(system: tuple[HealthCnf, frozenset
             assert components in found
 
 
-@settings(deadline=None)
-@given(horn_systems(), st.integers(0, 12))
-def test_diagnoses_are_the_same_whatever_the_bound(
-    system: tuple[HealthCnf, frozenset[Literal]], bound: int
+def same_with(
+    system: tuple[HealthCnf, frozenset[Literal]], module: ModuleType, constant: str, value: int
 ) -> None:
+    """The diagnoses are those of the definition, whatever a bound of the search is."""
     cnf, seen = system
     expected = brute_force(cnf, seen)
     if expected is None:
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(derivations, "MAX_ENVIRONMENTS", bound)
+        patch.setattr(module, constant, value)
         result = make_engine("sat", cnf).diagnose(seen, Options(limit=None, timeout_s=None))
     assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
     assert result.complete
+
+
+@settings(deadline=None)
+@given(horn_systems(), st.integers(0, 12))
+def test_diagnoses_are_the_same_whatever_the_bound(
+    system: tuple[HealthCnf, frozenset[Literal]], bound: int
+) -> None:
+    same_with(system, derivations, "MAX_ENVIRONMENTS", bound)
 
 
 # components 1-4, atoms 5-9
@@ -85,12 +94,4 @@ def test_diagnoses_are_the_same_whatever_the_bound(
 def test_another_search_goes_on_from_what_was_found(
     nodes: int, system: tuple[HealthCnf, frozenset[Literal]]
 ) -> None:
-    cnf, seen = system
-    expected = brute_force(cnf, seen)
-    if expected is None:
-        return
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(by_conflicts, "SEARCHED_NODES", nodes)
-        result = make_engine("sat", cnf).diagnose(seen, Options(limit=None, timeout_s=None))
-    assert {diagnosis.bad for diagnosis in result.diagnoses} == expected
-    assert result.complete
+    same_with(system, by_conflicts, "SEARCHED_NODES", nodes)
