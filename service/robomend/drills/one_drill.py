@@ -27,18 +27,23 @@ from robomend.drills.watching import (
     Watching,
     acted_on_by_repair,
     healthy_for,
+    heard_since,
     left_off_by,
+    not_heard_since,
     repair_of,
+    resting_on,
 )
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
 from robomend.planning.faults import AGENTS_FAULTS, EMULATED, FaultKind, drivers_of, taken_by
 from robomend.poller import wait_for
 from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.conclusions import named
 from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.signals import Halted, Signals
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch
+from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
@@ -356,20 +361,28 @@ class OneDrill:
         delays = [state.sight.delays(atom).detection_ns / 1e9 for atom in state.sight.observed]
         hold_s = min(max([*delays, HELD_S[0]]), HELD_S[1])
         wait = self._signals.unless_halted
+        # What was heard before vouches for nothing: an agent may have been away, or starved, all the while.
+        undone_ns, parts, record = CLOCK.now_ns(), state.system.parts, self._record
+        taken = frozenset[str]() if parts is None else taken_by(parts, record.kind, record.component)
+        resting = resting_on(state, taken)
+        await wait(heard_since(state, resting, undone_ns, RECOVERED_S, self.news))
         well = await wait(healthy_for(state, hold_s, 2 * hold_s + 2.0, self.news))
         if not well:
             await wait(self._bring_back(state))
             well = await wait(healthy_for(state, hold_s, RECOVERED_S, self.news))
-        if not well:
+        if well and (unheard := not_heard_since(state, resting, undone_ns)):
+            why = f"it is undone, and nobody could confirm {named(unheard)} since"
+            await record.update(DrillTrigger.NOT_WELL, reason=why)
+        elif not well:
             bad = state.current.bad_sets if state.current is not None else None
-            named = " or ".join(" with ".join(one) for one in (bad or ())[:5]) or "what is not observed"
-            await self._record.update(
-                DrillTrigger.NOT_WELL, reason=f"it is undone, and the robot is not healthy: {named}"
+            what = " or ".join(" with ".join(one) for one in (bad or ())[:5]) or "what is not observed"
+            await record.update(
+                DrillTrigger.NOT_WELL, reason=f"it is undone, and the robot is not healthy: {what}"
             )
-        elif cut_short := self._record.data.get("cut_short"):
-            await self._record.update(DrillTrigger.WELL_CUT_SHORT, reason=cut_short)
+        elif cut_short := record.data.get("cut_short"):
+            await record.update(DrillTrigger.WELL_CUT_SHORT, reason=cut_short)
         else:
-            await self._record.update(DrillTrigger.WELL, reason="undone, and the robot is healthy")
+            await record.update(DrillTrigger.WELL, reason="undone, and the robot is healthy")
 
     async def _bring_back(self, state: Robot) -> None:
         """Restart the drivers of devices that lost their power by the fault or by its repair: they lost their

@@ -16,11 +16,15 @@ from typing import Any
 from robomend.drills.record import DrillRecord
 from robomend.model.components import ComponentModel
 from robomend.planning.faults import LINE_FAULTS, drivers_of, taken_by
+from robomend.planning.influence import influenced
+from robomend.planning.prediction import OBSERVED_FACTS, theory_of
 from robomend.poller import wait_for
 from robomend.repairs.foresight import doubts
 from robomend.repairs.states import RepairState
+from robomend.robots.clock import CLOCK
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
+from robomend.robots.sight import SLACK_NS
 from robomend.store import Store, View, repairs
 from robomend.store.records import Paging, StepRecord, StoredRepair
 from robomend_client.literals import Atom
@@ -191,6 +195,42 @@ def meant_by(parts: ComponentModel, components: Collection[str]) -> frozenset[st
 def is_meant(acted_on: Iterable[str], meant: Collection[str], components: Iterable[str]) -> bool:
     """Return whether an act was on what was faulty, and on nothing else of the robot."""
     return set(acted_on).intersection(components) <= set(meant)
+
+
+def resting_on(state: Robot, components: Collection[str]) -> frozenset[Atom]:
+    """Return what is observed and rests on these components; not whether they are on, or run."""
+    parts = state.system.parts
+    if parts is None:
+        return frozenset()
+    known = [entry.atom for entry in state.obs.entries() if entry.atom.predicate not in OBSERVED_FACTS]
+    return influenced(parts, theory_of(state.system.cnf), frozenset(components), known)
+
+
+def not_heard_since(state: Robot, atoms: Iterable[Atom], time_ns: int) -> list[Atom]:
+    """Return those of which all that is known is that they held before that time, or so soon after it that
+    their observer could not have noticed yet.
+
+    Who speaks on change only is heard by its silence.
+    """
+    found, now_ns = [], CLOCK.now_ns()
+    for atom in sorted(atoms):
+        entry, noticed_ns = state.obs.get(atom), time_ns + state.sight.delays(atom).detection_ns
+        if entry is None or not entry.positive or entry.time_ns > noticed_ns:
+            continue
+        if entry.expires_ns is not None or now_ns <= noticed_ns + SLACK_NS:
+            found.append(atom)
+    return found
+
+
+async def heard_since(
+    state: Robot, atoms: Collection[Atom], time_ns: int, within_s: float, news: asyncio.Event
+) -> None:
+    """Wait until somebody has said after that time how these are, for so long at most."""
+    deadline = time.monotonic() + within_s
+    while not_heard_since(state, atoms, time_ns) and time.monotonic() < deadline:
+        news.clear()
+        await wait_for(news, LOOK_S)
+        await state.refreshed()
 
 
 async def healthy_for(state: Robot, hold_s: float, within_s: float, news: asyncio.Event) -> bool:
