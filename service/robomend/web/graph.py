@@ -207,7 +207,8 @@ def svg(
         bend = max(24.0, abs(right - left) / 2)
         odd = " odd" if _state(source, found, topics, active) in ODD else ""
         odd += " path" if source in on_path and target in on_path else ""
-        curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
+        wide, down = right - left, y2 - y1  # relative, as like edges then read alike: a page is sent packed
+        curve = f"M{left} {y1:g}c{bend:g} 0 {wide - bend:g} {down:g} {wide} {down:g}"
         ends = f'data-from="{number[source]}" data-to="{number[target]}"'
         out.append(f'<path class="edge{odd}" {ends} d="{curve}"/>')
     for thing, index in number.items():
@@ -261,9 +262,9 @@ def _box(
     radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2, "function": 2}[thing.kind]
     fill = f' fill-opacity="{0.15 + 0.85 * share:.2f}"' if state == "suspect" else ""
     drawing = (
-        f'<g class="thing {thing.kind} {state}" data-n="{index}"><title>{escape(told)}</title>'
-        f'<rect x="{x}" y="{y}" width="{box}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
-        f'<text x="{x + box / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
+        f'<g class="thing {thing.kind} {state}" data-n="{index}" transform="translate({x} {y})">'
+        f'<title>{escape(told)}</title><rect width="{box}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
+        f'<text x="{box / 2:g}" y="{HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
         f'{SIGNS[state]}<tspan unicode-bidi="isolate">{escape(text)}</tspan></text></g>'
     )
     link = links.get(thing.name) if thing.kind in {"hardware", "node"} else None
