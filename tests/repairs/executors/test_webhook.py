@@ -55,7 +55,9 @@ def receiver() -> Iterator[tuple[str, type[Receiver]]]:
     thread.join()
 
 
-ACTION = Action("r-1:2", "reset_usb", ("usb1",), 1.0)
+ACTION = Action("r-1:2", "reset_usb", ("usb1",), 60.0)
+IN_VAIN = Action("r-1:2", "reset_usb", ("usb1",), 4.0)
+"""It is called until its time is over."""
 
 
 def executor(url: str, *, allow_private: bool = True) -> WebhookExecutor:
@@ -67,7 +69,7 @@ async def test_the_call_is_signed_and_carries_the_action(receiver: tuple[str, ty
     done = await executor(url).execute(ACTION, quiet)
     assert (done.code, done.message) == (OK, "done")
     [(headers, body)] = server.calls
-    assert json.loads(body) == {"id": "r-1:2", "name": "reset_usb", "parameters": ["usb1"], "timeout_s": 1.0}
+    assert json.loads(body) == {"id": "r-1:2", "name": "reset_usb", "parameters": ["usb1"], "timeout_s": 60.0}
     assert headers["Idempotency-Key"] == "r-1:2"
     signed = headers["X-Robomend-Timestamp"].encode() + b"." + body
     expected = hmac.new(b"a secret", signed, hashlib.sha256).hexdigest()
@@ -108,13 +110,13 @@ async def test_a_gateway_that_fails_leaves_the_outcome_unknown_and_one_that_is_b
 ) -> None:
     url, server = receiver
     server.answers[:] = [(status, b"")]
-    done = await executor(url).execute(ACTION, quiet)
+    done = await executor(url).execute(IN_VAIN, quiet)
     assert (done.code, f"{url} answered {status}" in done.message) == (code, True)
     assert len(server.calls) > 1
 
 
 async def test_where_nobody_listens_nothing_can_have_acted() -> None:
-    done = await executor("http://127.0.0.1:9/").execute(ACTION, quiet)
+    done = await executor("http://127.0.0.1:9/").execute(IN_VAIN, quiet)
     assert done.code == UNREACHABLE
 
 
