@@ -56,7 +56,7 @@ def receiver() -> Iterator[tuple[str, type[Receiver]]]:
 
 
 ACTION = Action("r-1:2", "reset_usb", ("usb1",), 60.0)
-IN_VAIN = Action("r-1:2", "reset_usb", ("usb1",), 4.0)
+IN_VAIN = Action("r-1:2", "reset_usb", ("usb1",), 3.0)
 """It is called until its time is over."""
 
 
@@ -130,7 +130,7 @@ async def test_who_has_lost_the_robot_calls_nobody(receiver: tuple[str, type[Rec
 async def test_an_endless_answer_is_cut_off(receiver: tuple[str, type[Receiver]]) -> None:
     url, server = receiver
     server.answers[:] = [(200, b" " * (1 << 20))]
-    assert (await executor(url).execute(ACTION, quiet)).code != OK
+    assert (await executor(url).execute(IN_VAIN, quiet)).code != OK
 
 
 @pytest.mark.parametrize(
