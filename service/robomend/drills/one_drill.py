@@ -27,7 +27,7 @@ from robomend.drills.watching import (
     Watching,
     acted_on_by_repair,
     healthy_for,
-    heard_since,
+    heard,
     left_off_by,
     not_heard_since,
     repair_of,
@@ -364,14 +364,14 @@ class OneDrill:
         # What was heard before vouches for nothing: an agent may have been away, or starved, all the while.
         undone_ns, parts, record = CLOCK.now_ns(), state.system.parts, self._record
         taken = frozenset[str]() if parts is None else taken_by(parts, record.kind, record.component)
-        resting = resting_on(state, taken)
-        await wait(heard_since(state, resting, undone_ns, RECOVERED_S, self.news))
-        well = await wait(healthy_for(state, hold_s, 2 * hold_s + 2.0, self.news))
+        unheard = partial(not_heard_since, state, resting_on(state, taken), undone_ns)
+        await wait(heard(state, RECOVERED_S, self.news, unheard))
+        well = await wait(healthy_for(state, hold_s, 2 * hold_s + 2.0, self.news, unheard))
         if not well:
             await wait(self._bring_back(state))
-            well = await wait(healthy_for(state, hold_s, RECOVERED_S, self.news))
-        if well and (unheard := not_heard_since(state, resting, undone_ns)):
-            why = f"it is undone, and nobody could confirm {named(unheard)} since"
+            well = await wait(healthy_for(state, hold_s, RECOVERED_S, self.news, unheard))
+        if not well and (atoms := unheard()):
+            why = f"it is undone, and nobody could confirm {named(atoms)} since"
             await record.update(DrillTrigger.NOT_WELL, reason=why)
         elif not well:
             bad = state.current.bad_sets if state.current is not None else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 from robomend.drills.record import DrillRecord
@@ -217,31 +217,36 @@ def not_heard_since(state: Robot, atoms: Iterable[Atom], time_ns: int) -> list[A
         entry, noticed_ns = state.obs.get(atom), time_ns + state.sight.delays(atom).detection_ns
         if entry is None or not entry.positive or entry.time_ns > noticed_ns:
             continue
+        if max(entry.since_ns or 0, state.sight.rose_ns(atom) or 0) > time_ns:
+            continue
         if entry.expires_ns is not None or now_ns <= noticed_ns + SLACK_NS:
             found.append(atom)
     return found
 
 
-async def heard_since(
-    state: Robot, atoms: Collection[Atom], time_ns: int, within_s: float, news: asyncio.Event
+async def heard(
+    state: Robot, within_s: float, news: asyncio.Event, unheard: Callable[[], Collection[Atom]]
 ) -> None:
-    """Wait until somebody has said after that time how these are, for so long at most."""
+    """Wait until nothing is unheard, for so long at most."""
     deadline = time.monotonic() + within_s
-    while not_heard_since(state, atoms, time_ns) and time.monotonic() < deadline:
+    while unheard() and time.monotonic() < deadline:
         news.clear()
         await wait_for(news, LOOK_S)
         await state.refreshed()
 
 
-async def healthy_for(state: Robot, hold_s: float, within_s: float, news: asyncio.Event) -> bool:
-    """Wait for a robot to be healthy without a break; return whether it was, in time."""
+async def healthy_for(
+    state: Robot, hold_s: float, within_s: float, news: asyncio.Event, unheard: Callable[[], Collection[Atom]]
+) -> bool:
+    """Wait for a robot to be healthy, with nothing unheard and without a break; return whether it was."""
     deadline = time.monotonic() + within_s
     since: float | None = None
     while True:
         news.clear()
         await state.refreshed()
         now = time.monotonic()
-        since = (since or now) if health_of(state)[0] is HealthState.HEALTHY else None
+        well = health_of(state)[0] is HealthState.HEALTHY and not unheard()
+        since = (since or now) if well else None
         if since is not None and now - since >= hold_s:
             return True
         if now >= deadline + hold_s or (since is None and now >= deadline):
