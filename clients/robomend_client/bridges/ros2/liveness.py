@@ -87,6 +87,9 @@ class RemotePort:
 MOST_ASKED = 128
 """Ports of other computers that are asked; each takes a socket."""
 
+MOST_GONE = 256
+"""Nodes that are gone whose process still says why."""
+
 
 class Liveness:
     """Of all nodes of one domain."""
@@ -97,6 +100,7 @@ class Liveness:
         self._problems = problems
         self._processes: dict[Participant, Process | None] = {}
         self._asked: dict[Participant, RemotePort] = {}
+        self._gone: dict[str, Process] = {}  # nodes of which DDS knows nothing more, but their processes do
         self._silent = {participant.address for participant in found.lost}  # computers that were told of
         self.why: dict[str, dict[str, str]] = {}  # of nodes that do not run: as node observers take it
 
@@ -116,6 +120,8 @@ class Liveness:
         }
         alive.update(self._look_at_lost())
         table = self._found.nodes(alive)
+        self._gone = {n: one for n, one in self._gone.items() if n not in table and not one.works()}
+        table |= dict.fromkeys(self._gone, False)
         self._explain(table)
         return table
 
@@ -129,6 +135,7 @@ class Liveness:
             for node in told.nodes:
                 if table.get(node.name) is False:
                     self.why[node.name] = process.why()
+        self.why |= {name: process.why() for name, process in self._gone.items()}
 
     def close(self) -> None:
         for asked in self._asked.values():
@@ -142,7 +149,9 @@ class Liveness:
         for participant in tuple(self._found.lost):
             runs = self._runs(participant, used)
             if runs is False:
-                del self._found.lost[participant]
+                nodes, process = self._found.lost.pop(participant), self._processes.get(participant)
+                if process is not None and len(self._gone) < MOST_GONE:
+                    self._gone |= dict.fromkeys(nodes, process)
                 continue
             found[participant.key] = runs
             if runs is None:

@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 from tests.clients.bridges.hearing import listening
-from tests.ros2 import Ros2Robot
+from tests.clients.bridges.ros2.test_split import soon_lost
+from tests.ros2 import Ros2Robot, robot
 
 from robomend_client.bridges.ros2.discovered import Participant
 from robomend_client.bridges.ros2.liveness import find
@@ -44,6 +45,27 @@ def test_nodes_that_begin_end_freeze_and_are_killed(ros2: Ros2Robot) -> None:
             assert heard.log == []
 
     asyncio.run(test())
+
+
+def test_what_is_wrong_with_a_process_is_known_also_when_nobody_waits_for_it_any_more(tmp_path: Path) -> None:
+    with robot(tmp_path, more=soon_lost(tmp_path)) as ros:
+        laser = ros.node("laser")
+
+        async def test() -> None:
+            async with listening(ros, "nodes", more="discovery_s: 1") as heard:
+                await heard.runs({"laser": True})
+                laser.signal(signal.SIGSTOP)
+                await heard.runs({"laser": False})
+                await asyncio.sleep(4)  # longer than its lease: nothing says when
+                stopped = f"its process {laser.pid} is stopped by a signal (SIGSTOP)"
+                assert heard.why["laser"] == {"why": stopped, "symptom": "halted"}
+                laser.kill()
+                ended = {"why": f"its process {laser.pid} has ended", "symptom": "ended"}
+                await heard.until(lambda: heard.why.get("laser") == ended, "it has ended")
+                await asyncio.to_thread(ros.node, "laser")
+                await heard.runs({"laser": True})
+
+        asyncio.run(test())
 
 
 # --- whose process it is ----------------------------------------------------------------------------------
