@@ -28,8 +28,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robomend.cli.model_from_ros import FILE, with_files
-from robomend.errors import BackendError, InputError
+from robomend.errors import BackendError, InputError, RobomendError
 from robomend_batch import detached
+from robomend_client.counts import first_few, listed
 
 if TYPE_CHECKING:
     from robomend.cli.interrupts import Interrupts
@@ -53,6 +54,9 @@ FIND_S, FIND_MOST_S = 3.0, 13.0
 """Who is there is found after so long; on a busy network, or of a robot that is just starting, later."""
 
 FIND_LOOK_S = 0.1
+
+NAMED = 5
+"""Nodes and topics that a line names."""
 
 HEARD_S = 1.0
 """So long after a robot's first node was seen, what is latched has come, and listening begins …"""
@@ -454,8 +458,16 @@ class _Attached:
         raise InputError(f"no robot was found. {told}. Set are: {variables or 'none of ROS_…'}. {hint}")
 
     async def _hear(self, hearing: Hearing, task: asyncio.Task[None], began_s: float) -> Heard:
+        from robomend.cli.init.described import model_file
+
         wanted = self.wanted
-        click.echo("what comes now is taken as normal: the robot should be well, and do its work", err=True)
+        files = wanted.folder / model_file(wanted.name)
+        if files.exists() and not wanted.update:
+            click.echo(f"{files} is there: what comes now is compared with it, and changes nothing", err=True)
+        else:
+            click.echo(
+                "what comes now is taken as normal: the robot should be well, and do its work", err=True
+            )
         with _table() as shown:
             while (left_s := began_s + wanted.seconds - time.monotonic()) > 0:
                 self._interrupts.check()
@@ -463,6 +475,8 @@ class _Attached:
                     task.result()
                 shown(hearing, wanted.seconds - left_s, wanted.seconds)
                 await asyncio.sleep(min(SHOW_S, left_s))
+        if silent := sorted(topic for topic, ear in hearing.ears.items() if not ear.count):
+            click.echo(f"nothing came on {first_few(silent, NAMED)}", err=True)
         heard = hearing.heard().within(wanted.namespace)
         alike = alike_namespaces(own_nodes(heard.graph.nodes))
         if len(alike) > 1:
@@ -612,7 +626,7 @@ def _state(client: Any, robot: str) -> tuple[str, str]:
     read = client.robot(robot).value
     state = str(read["state"])
     result = client.diagnosis(robot).get("result") or {}
-    bad = [" and ".join(one["bad"]) for one in result.get("diagnoses", ()) if one["bad"]]
+    bad = [listed(one["bad"]) for one in result.get("diagnoses", ()) if one["bad"]]
     more = f" (or {len(bad) - 1} more)" if len(bad) > 1 else ""
     return f"{state}: {bad[0]}{more}" if bad else state, str(read["headline"])
 
@@ -863,13 +877,14 @@ def _write(
         _try(first.entries, heard, wanted.name, logs)
     texts = files_of(said, first)
     texts |= {schema_name(file): schema_text(file) for file in FILES if file != "observers"}
-    written, others, path = {}, False, wanted.folder
+    written, others, before, path = {}, False, "", wanted.folder
     try:
         for name, text in texts.items():
             path = wanted.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             old = path.read_text("utf-8") if path.exists() else None
             if old is not None and name == model_file(wanted.name):
+                before = old
                 text = with_answers(text, answers_of(old))
             new = text if old is None else settled(old, text)
             if name.startswith("schemas/"):
@@ -890,7 +905,22 @@ def _write(
                 click.echo(f"wrote {path.absolute()}", err=True)
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be written: {error.strerror}") from error
+    if others and not quietly:
+        gone = _gone(before, texts[model_file(wanted.name)])
+        not_there = f"; not there now: {first_few(gone, NAMED)}" if gone else ""
+        click.echo(f"{wanted.folder} stays as it is{not_there}; --update takes over what was heard", err=True)
     return {} if others else written
+
+
+def _gone(old: str, new: str) -> list[str]:
+    """Return the nodes of a model that another has not; none, of what is no model any more."""
+    from robomend.model.loading import load_text
+
+    try:
+        before, after = (load_text(text).parts for text in (old, new))
+    except RobomendError:
+        return []
+    return [] if before is None or after is None else sorted(before.nodes.keys() - after.nodes.keys())
 
 
 def _try(entries: Entries, heard: Heard, name: str, logs: Gathered) -> None:

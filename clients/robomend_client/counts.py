@@ -10,6 +10,12 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count:,} {one if count == 1 else many or f'{one}s'}"
 
 
+def listed(items: Sequence[object]) -> str:
+    """Return `a`, `a and b`, `a, b and c`."""
+    said = [str(item) for item in items]
+    return " and ".join(filter(None, (", ".join(said[:-1]), *said[-1:])))
+
+
 def first_few(items: Sequence[object], most: int, between: str = ", ") -> str:
     """Return `a, b, c and 4 more`: the first `most`, and how many are left out."""
     said = between.join(map(str, items[:most]))

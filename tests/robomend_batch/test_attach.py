@@ -507,8 +507,13 @@ def test_files_that_are_there_are_shown_and_not_overwritten(
     capsys.readouterr()
     assert run(["attach", "--bag", str(tmp_path / "one.bag"), str(folder)]) == 0
     assert "+" not in capsys.readouterr().out  # nothing is new
+    model = folder / "rover.yaml"
+    model.write_text(before[model].replace("nodes:\n", "nodes:\n  lamp: {}\n"))
+    before[model] = model.read_text()
     assert run(["attach", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
-    assert re.search(r"^\+  scan: \{rate_hz: 20,", capsys.readouterr().out, re.MULTILINE)
+    said = capsys.readouterr()
+    assert re.search(r"^\+  scan: \{rate_hz: 20,", said.out, re.MULTILINE)
+    assert f"{folder} stays as it is; not there now: lamp; --update takes over what was heard" in said.err
     assert {file: file.read_text() for file in folder.glob("*.yaml")} == before
     assert run(["attach", "--update", "--bag", str(tmp_path / "other.bag"), str(folder)]) == 0
     assert "scan: {rate_hz: 20," in (folder / "agent.yaml").read_text()

@@ -16,7 +16,7 @@ from typing import TypeVar
 from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Factor
-from robomend_client.counts import counted
+from robomend_client.counts import counted, listed
 from robomend_client.literals import quote
 
 WIDTH = 80
@@ -205,7 +205,7 @@ def _names(names: Sequence[str], modes: Mapping[str, str] = NO_MODES) -> str:
     shown = [f"{quote(name)} ({modes[name]})" if name in modes else quote(name) for name in names[:NAMED]]
     if len(names) > NAMED:
         shown.append(f"{len(names) - NAMED} more")
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    return listed(shown)
 
 
 def _together(diagnoses: Sequence[Diagnosis]) -> float | None:

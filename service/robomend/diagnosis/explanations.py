@@ -24,6 +24,7 @@ from typing import TypeVar
 
 from robomend.diagnosis.result import Conflict, Diagnosis
 from robomend.model.cnf import HealthCnf
+from robomend_client.counts import listed
 from robomend_client.literals import Atom, Literal, quote
 
 Thing = TypeVar("Thing", bound=Hashable)
@@ -300,9 +301,7 @@ def _listed(words: Iterable[str]) -> str:
     items = list(words)
     if len(items) > NAMED_AT_MOST:
         items = [*items[: NAMED_AT_MOST - 1], f"{len(items) - NAMED_AT_MOST + 1} more"]
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} and {items[-1]}"
+    return listed(items)
 
 
 def _verb(things: Collection[str], one: str, many: str) -> str:

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Any
 
 from robomend.model.components import ComponentModel
+from robomend_client.counts import listed
 from robomend_client.literals import Atom, Literal
 
 
@@ -139,17 +140,13 @@ def power_note(model: ComponentModel, cut: str, others: Collection[str], off: Co
     along = [name for name in hardware if cut in model.feeders(name)]
     if along:
         names = along if len(along) <= 3 else [*along[:2], f"{len(along) - 2} more"]
-        return f"{_and(names)} {'goes' if len(along) == 1 else 'go'} off with it"
+        return f"{listed(names)} {'goes' if len(along) == 1 else 'go'} off with it"
     rest = [name for name in hardware if not {*others}.intersection(model.feeders(name))]
     if not rest:
         return ""
     return (
-        f"{_and(rest)} {'stays' if len(rest) == 1 else 'stay'} on" if len(rest) < 3 else "all else stays on"
+        f"{listed(rest)} {'stays' if len(rest) == 1 else 'stay'} on" if len(rest) < 3 else "all else stays on"
     )
-
-
-def _and(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
 @dataclass(frozen=True, slots=True)

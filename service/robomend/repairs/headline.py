@@ -29,7 +29,7 @@ from robomend.repairs.states import RepairState, StepState
 from robomend.robots.clock import CLOCK
 from robomend.robots.health import UNCLEAR, HealthState, health_of
 from robomend.robots.robot import Robot
-from robomend_client.counts import counted, first_few
+from robomend_client.counts import counted, first_few, listed
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.readings import Symptom
 
@@ -644,9 +644,7 @@ def _titles(steps: Sequence[Json]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    if len(names) > MANY:
-        return first_few(names, MANY - 1)
-    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
+    return first_few(names, MANY - 1) if len(names) > MANY else listed(names)
 
 
 def _atoms(atoms: Sequence[str]) -> str:

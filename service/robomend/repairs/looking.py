@@ -16,7 +16,7 @@ from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.prediction import OBSERVED_FACTS, observable
 from robomend.repairs.execution_values import Setting, Timing
 from robomend.robots.clock import CLOCK
-from robomend_client.counts import first_few
+from robomend_client.counts import first_few, listed
 from robomend_client.literals import Atom, Literal
 
 T = TypeVar("T")
@@ -249,5 +249,5 @@ def first_of(missing: Sequence[Literal]) -> str:
     """Return what was not seen as a reason names it: all of a few, or the first, what is no topic before."""
     told = [str(literal) for literal in sorted(missing, key=lambda one: one.atom.predicate == "ok")]
     if len(told) <= NAMED:
-        return " and ".join(filter(None, (", ".join(told[:-1]), told[-1])))
+        return listed(told)
     return first_few(told, NAMED - 1)
