@@ -29,7 +29,7 @@ from robomend.planning.quarantine import BACKOFF_S, Patience, came_back, downed,
 from robomend.planning.tried import S_TO_NS, Attempt
 from robomend.repairs.conclusions import BadSets
 from robomend.repairs.remembering import Remembered
-from robomend_client.counts import counted
+from robomend_client.counts import counted, listed
 
 WITHIN_S = 60.0
 TIMES = 6
@@ -138,7 +138,7 @@ def not_undone(
         told = f"{breaks[0]}, and the other way round" if len(row) == 2 else ", ".join(breaks)
         look = "none of it is done again; look at what they share, as a bus, a port or a manager"
     elif only_nodes and (group := downed(memory.all, again, patience=patience)):
-        told = f"{' and '.join(sorted(group))} go down again together soon after each start"
+        told = f"{listed(sorted(group))} go down again together soon after each start"
         look = "something that the model does not know stops them, as a lifecycle manager: start them by that"
     else:
         return choice
