@@ -41,9 +41,9 @@ VENDORS = "1.15,1.16"
 LOOPBACK = '<NetworkInterface name="lo" multicast="true"/>'
 ASKED = (
     "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
-    "<SPDPInterval>1s</SPDPInterval>"
+    "<SPDPInterval>1s</SPDPInterval><InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
 )
-"""Peers are asked once a second: those that begin later may know no way to us."""
+"""Peers are asked once a second, for ever: those that begin later may know no way to us."""
 
 OWN_DOMAINS = 1000
 """Numbers from here on are this process's own; on the network such a domain has another number."""

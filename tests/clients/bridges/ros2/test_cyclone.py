@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import os
+import socket
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 from tests.clients.bridges.hearing import hearing
 from tests.node_process import NodeProcess
 from tests.ros2 import domain
+
+from robomend_client.bridges.ros2.dds import Dds, configuration
 
 NODE = Path(__file__).parents[3] / "cyclone_node.py"
 HERE = (
@@ -52,3 +57,22 @@ def test_nodes_of_cyclone_dds_without_hashes_are_heard_and_garbage_beside_them_i
         finally:
             for node in nodes:
                 node.close()
+
+
+def test_peers_are_asked_for_ever() -> None:
+    """Who begins later than we do, and knows no way to us, is found by that alone: here nobody, at a port
+    where a participant would be.
+    """
+    with domain() as number, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
+        late.bind(("127.0.0.1", 7400 + 250 * number + 10 + 2 * 20))
+        late.setblocking(False)
+        ours = Dds(number, configuration({}, True, ()))
+        try:
+            time.sleep(32)  # Cyclone DDS asks for 30 s by itself: time is what is tested
+            with suppress(BlockingIOError):
+                while late.recv(65536):
+                    pass
+            late.settimeout(30)
+            assert late.recv(65536).startswith(b"RTPS")
+        finally:
+            ours.close()
