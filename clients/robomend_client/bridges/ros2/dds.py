@@ -9,7 +9,7 @@ A topic of any type is read as bytes: the reader has the type's name, and a clas
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -40,10 +40,14 @@ VENDORS = "1.15,1.16"
 
 LOOPBACK = '<NetworkInterface name="lo" multicast="true"/>'
 ASKED = (
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
-    "<SPDPInterval>1s</SPDPInterval><InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
+    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>119</MaxAutoParticipantIndex>"
+    "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
 )
-"""Peers are asked once a second, for ever: those that begin later may know no way to us."""
+"""Peers are asked for ever, at each port that a participant may have: those that begin later may know no way
+to us, and we ourselves need one that is free."""
+
+ASKED_EACH = "1s", "5s"
+"""On this computer only, and over a network, which is to have other things to carry."""
 
 OWN_DOMAINS = 1000
 """Numbers from here on are this process's own; on the network such a domain has another number."""
@@ -295,7 +299,7 @@ def _delete(entities: Iterable[Any]) -> None:
         entity.__del__()  # cyclonedds has no other name for it; a second time does nothing
 
 
-def configuration(environment: Mapping[str, str], localhost: bool, peers: Iterable[str]) -> str:
+def configuration(environment: Mapping[str, str], localhost: bool, peers: Collection[str]) -> str:
     """Return the configuration of our participant: the user's, and after it what ROS and Fast DDS need.
 
     Args:
@@ -305,7 +309,8 @@ def configuration(environment: Mapping[str, str], localhost: bool, peers: Iterab
     addresses = [*(["127.0.0.1"] if localhost else []), *peers]
     listed = "".join(f"<Peer address={quoteattr(address)}/>" for address in addresses)
     general = f"<General><Interfaces>{LOOPBACK}</Interfaces></General>" if localhost else ""
-    discovery = f"<Discovery>{ASKED}<Peers>{listed}</Peers></Discovery>" if listed else ""
+    each = f"<SPDPInterval>{ASKED_EACH[bool(peers)]}</SPDPInterval>"
+    discovery = f"<Discovery>{ASKED}{each}<Peers>{listed}</Peers></Discovery>" if listed else ""
     types = f"<Compatibility><IgnoreTypeInformation>{VENDORS}</IgnoreTypeInformation></Compatibility>"
     ours = f'<CycloneDDS><Domain id="any">{general}{discovery}{types}</Domain></CycloneDDS>'
     return ",".join(filter(None, (environment.get("CYCLONEDDS_URI", ""), ours)))

@@ -7,7 +7,7 @@ import os
 import socket
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from tests.clients.bridges.hearing import hearing
@@ -76,3 +76,13 @@ def test_peers_are_asked_for_ever() -> None:
             assert late.recv(65536).startswith(b"RTPS")
         finally:
             ours.close()
+
+
+def test_a_computer_with_many_nodes_has_a_place_for_us() -> None:
+    """Each has its two ports."""
+    with domain() as number, ExitStack() as taken:
+        for port in range(7400 + 250 * number + 10, 7400 + 250 * number + 10 + 2 * 80):
+            one = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            one.bind(("0.0.0.0", port))
+        for peers in ((), ("127.0.0.1",)):
+            Dds(number, configuration({}, True, peers)).close()
