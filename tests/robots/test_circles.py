@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import json
+from typing import Any
+
+import pytest
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.entry import Entry
 from robomend.model.loading import load_text
+from robomend.model.system import System
 from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.oneshots.warm_model import ask_engine
+from robomend.repairs.headline import of_robot
 from robomend.robots.batches import Update
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.store.records import StoredDiagnosis, StoredModel, StoredObs, StoredRobot
-from robomend_client.literals import fails, holds
+from robomend_client.literals import Atom, fails, holds
 
 SOURCE = "robomend: 1\nname: m\nnodes: {est: {publishes: {state: [cmd]}}, ctl: {publishes: {cmd: [state]}}}\n"
 SYSTEM = load_text(SOURCE, name="m", format=None)
+GUIDED = load_text(
+    SOURCE.replace("[state]}", "[state, goal]}") + "topics: {goal: {}}\n", name="m", format=None
+)
+SELF = load_text("robomend: 1\nname: m\nnodes: {slam: {publishes: {map: [map]}}}\n", name="m", format=None)
 MODEL = StoredModel("m", "v1", 1, "component", SOURCE, 0, "test")
 
 
@@ -24,8 +34,8 @@ async def never(robot: str) -> Robot:
     raise AssertionError("not read by itself")
 
 
-def made(**config: object) -> Robot:
-    return Robot(StoredRobot("r1", {"model": "m", **config}, "e1", 0, 0), MODEL, SYSTEM, never)
+def made(system: System = SYSTEM, **config: object) -> Robot:
+    return Robot(StoredRobot("r1", {"model": "m", **config}, "e1", 0, 0), MODEL, system, never)
 
 
 def say(robot: Robot, time_ns: int, *ok: str, silent: tuple[str, ...] = ()) -> None:
@@ -72,3 +82,32 @@ def test_after_a_restart_of_the_service_the_last_diagnosis_tells_that_it_was_up(
     stored = StoredDiagnosis("r1", 2, "v1", 2, {"model_version": "v1", "result": result})
     after.read(after.stored, MODEL, SYSTEM, StoredObs(2, before.obs.entries()), (), stored, {})
     assert bad_of(after) == {("est",), ("ctl",)}
+
+
+@pytest.mark.parametrize(
+    ("before", "silent", "config", "waiting"),
+    [
+        ((), ("state", "cmd"), {}, ("cmd", "state")),
+        (("goal",), ("state", "cmd"), {"system": GUIDED}, ("cmd", "state")),
+        ((), ("state", "cmd"), {"system": GUIDED}, ()),  # there may be no goal
+        (("goal",), ("state", "cmd"), {"system": GUIDED, "expected": {"stopped": ["ctl"]}}, ()),
+        ((), ("map",), {"system": SELF}, ("map",)),
+        (("map",), (), {"system": SELF}, ()),
+    ],
+)
+def test_nobody_knows_that_a_robot_is_well_whose_circle_never_began(
+    before: tuple[str, ...], silent: tuple[str, ...], config: dict[str, Any], waiting: tuple[str, ...]
+) -> None:
+    robot = made(**config)
+    say(robot, 1, *before, silent=silent)
+    found = diagnosed(robot)
+    assert found.healthy
+    result = json.loads(result_text(found, quoted_names(robot.system.cnf.components)))
+    stored = StoredDiagnosis("r1", 1, "v1", 1, {"model_version": "v1", "result": result})
+    obs = StoredObs(1, robot.obs.entries())
+    robot.read(robot.stored, MODEL, robot.system, obs, (), stored, {})
+    atoms = tuple(Atom("ok", (topic,)) for topic in waiting)
+    state = HealthState.PARTLY_UNKNOWN if waiting else HealthState.HEALTHY
+    assert health_of(robot) == (state, atoms)
+    said = of_robot(robot, None).text(2)
+    assert ("not known ever to have worked" in said) == bool(waiting), said

@@ -209,7 +209,8 @@ def varied(robot: Robot, scenario: Scenario, world: str) -> Robot:
 
 def _stamped(anatomy: Anatomy, model: str, topic: str) -> tuple[Anatomy, str]:
     """Return both with an observer of a topic's stamps, which are whole seconds."""
-    stamps = replace(anatomy.topics[topic], values={"sec": "whole seconds"})
+    values = {**anatomy.topics[topic].values, "sec": "whole seconds"}
+    stamps = replace(anatomy.topics[topic], values=values)
     observer = {"kind": "qualitative", "value": "stamp", "source": f"{topic}:sec"}
     aspect = Aspect(
         parse_atom("inc(stamp)"), observer, anatomy.host_of(topic), flows=(topic,), still=(topic,)

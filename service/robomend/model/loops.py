@@ -12,6 +12,9 @@ for each strongly connected component of topics: its members, and their devices,
 ok, then its topics ok. The clause joins the system description of a robot as an assertion does, once the
 topics were seen ok on it, and is shared by diagnosis and prediction, so that every mismatch is explainable.
 
+Until then nobody is blamed for topics that are silent in a circle, and nobody knows that all is well either:
+`wait_for_themselves` names them.
+
 Circles within circles stay coarse: one clause for all of them, which blames any of its members.
 
 Source: R. Tarjan. Depth-first search and linear graph algorithms. SIAM J. Computing 1(2), 1972.
@@ -19,7 +22,7 @@ Source: R. Tarjan. Depth-first search and linear graph algorithms. SIAM J. Compu
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from dataclasses import dataclass
 
 from robomend.model.clauses import Assertion
@@ -53,14 +56,7 @@ class Loop:
 
 def loops_of(model: ComponentModel) -> tuple[Loop, ...]:
     """Return the circles of topics, in the order of the model."""
-    inputs: dict[str, dict[str, None]] = {}
-    publishers: dict[str, dict[str, None]] = {}
-    for node in model.nodes.values():
-        for topic, needed in node.publishes.items():
-            publishers.setdefault(topic, {})[node.name] = None
-            rests_on = inputs.setdefault(topic, {})
-            if not node.drives or node.inputs_matter:
-                rests_on.update(dict.fromkeys(needed))
+    inputs, publishers = _wiring(model)
     number = strong_components(inputs)
     together: dict[int, list[str]] = {}
     for topic in inputs:
@@ -70,6 +66,41 @@ def loops_of(model: ComponentModel) -> tuple[Loop, ...]:
         for topics in together.values()
         if len(topics) > 1 or topics[0] in inputs[topics[0]]
     )
+
+
+def wait_for_themselves(
+    model: ComponentModel, loop: Loop, bad: Collection[str], good: Collection[str], stopped: Collection[str]
+) -> tuple[str, ...]:
+    """Return the topics of a circle that are bad, where nothing else explains it: none of what they wait for,
+    however far up, comes from outside the model, or from a node that is meant to be stopped.
+
+    Args:
+        bad, good: topics that are reported not to be ok, and to be ok; of the others nothing is known.
+    """
+    inputs, publishers = _wiring(model)
+    found = tuple(topic for topic in loop.topics if topic in bad)
+    ahead, seen = list(found), set(found)
+    while ahead:
+        topic = ahead.pop()
+        if topic not in publishers or not publishers[topic].keys().isdisjoint(stopped):
+            return ()
+        needed = inputs[topic].keys() - seen
+        ahead += needed.difference(good)
+        seen |= needed
+    return found
+
+
+def _wiring(model: ComponentModel) -> tuple[dict[str, dict[str, None]], dict[str, dict[str, None]]]:
+    """Return topic -> what it rests on, and -> who publishes it; both in the order of the model."""
+    inputs: dict[str, dict[str, None]] = {}
+    publishers: dict[str, dict[str, None]] = {}
+    for node in model.nodes.values():
+        for topic, needed in node.publishes.items():
+            publishers.setdefault(topic, {})[node.name] = None
+            rests_on = inputs.setdefault(topic, {})
+            if not node.drives or node.inputs_matter:
+                rests_on.update(dict.fromkeys(needed))
+    return inputs, publishers
 
 
 def _loop(

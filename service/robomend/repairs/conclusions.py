@@ -89,8 +89,8 @@ def nobody_blamed(state: Robot, written: Json) -> tuple[RepairTrigger, str]:
 def well(reason: str, state: Robot) -> str:
     """Return the reason of a repair that ends well, with what is silent although nothing is wrong.
 
-    Topics that wait for an input from outside, or for each other, are nobody's fault; a person should hear of
-    it all the same, and not that every observation is as it should be.
+    Topics that wait for an input from outside are nobody's fault; a person should hear of it all the same,
+    and not that every observation is as it should be.
     """
     literals = (literal for literal in state.literals() if literal.atom.predicate == "ok")
     seen = sorted(str(literal) for literal in literals if not literal.positive)
@@ -107,6 +107,12 @@ def named(what: Sequence[object]) -> str:
 
 def unconfirmed(unknown: Sequence[Atom], state: Robot) -> str:
     """Return the reason of a repair after which nothing is known to be wrong, and this is not known."""
+    if circle := set(state.wait_for_themselves()).intersection(unknown):
+        silent = named(sorted(f"not {atom}" for atom in circle))
+        return (
+            f"not confirmed: {silent}: still seen, and blamed on nobody only as topics wait for each other, "
+            "in a circle that was never seen up"
+        )
     held = {atom: state.obs.get(atom) for atom in unknown}
     bad = [str(entry.literal) for entry in held.values() if entry is not None and not entry.positive]
     stood = [a for a in state.sight.confirmed_by_silence() if (e := held.get(a)) is not None and e.positive]

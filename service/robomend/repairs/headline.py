@@ -90,6 +90,7 @@ class Facts:
     more: int = 0  # diagnoses that are not among them
     symptoms: Sequence[Json] = ()  # `seen`, the oldest first
     unknown: Sequence[str] = ()
+    waiting: Sequence[str] = ()  # of it, what is reported bad, and waits for itself in a circle of topics
     away: Sequence[str] = ()  # observers of which nothing is left but what is unknown
     since_ns: int | None = None  # of the state, where no symptom says it
     fault: str = ""  # why there is no diagnosis
@@ -175,6 +176,7 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
                 if (one := seen(entry, conflicts))["blames"] or entry.atom not in only_conditions
             ],
             unknown=[str(atom) for atom in unknown],
+            waiting=[str(atom) for atom in robot.wait_for_themselves() if atom in unknown],
             away=away,
             since_ns=since_ns,
             fault="" if current is None or not current.fault else str(current.fault.get("detail")),
@@ -337,6 +339,11 @@ def _what(of: Facts) -> tuple[Told, int | None]:
             if doing:  # it is looked anew whether they are well
                 acts = _listed([f"{name} is being {what}" for name, what in doing.items()])
                 return (f"{acts}; {_listed(missed)} {are} not judged anew yet",), of.since_ns
+            if of.waiting:
+                each = "for each other" if len(missed) > 1 else "for itself"
+                wait = "waits" if len(missed) == 1 else "wait"
+                silent = f"{_listed(missed)} {are} not ok"
+                return (f"{silent}, {wait} {each}, and {are} not known ever to have worked",), of.since_ns
             missing = (f"{_listed(missed)} {are} not observed", *_since(of.since_ns), "; no fault is known")
             return missing, of.since_ns
     faults = list(_faults(of))
@@ -568,6 +575,7 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
                     None,
                 )
             when = "as soon as it is reported" if of.unknown else "in a moment"
+            when = "as soon as one of them is ok" if of.waiting else when
             return (f"It is judged {when}.",), False, None
     if of.policy == "observe":
         return ("A person is needed: robomend only observes it.",), True, None

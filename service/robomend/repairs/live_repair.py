@@ -146,8 +146,14 @@ class LiveRepair:
             await self._record.update(RepairTrigger.HEARD, waiting_for=[])
             result = await self._newest()
         result = await self._verified(result)
-        if not result.healthy:
-            result = await self._verified(await self._calm.settled(result))
+        for _ in range(MOST_ANEW):
+            if result.healthy:
+                break
+            settled = await self._calm.settled(result)
+            if not settled.healthy:
+                result = settled
+                break
+            result = await self._verified(settled)  # what it finds is young, too
         wanted = self._record.data.get("wanted")
         if wanted and not result.healthy and not self._record.data.get("rounds"):
             named = tuple(d for d in result.diagnoses if set(d.bad) == set(wanted))
@@ -170,8 +176,8 @@ class LiveRepair:
     async def _verified(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return a diagnosis that is not healthy, or one that is, and of what is known of the robot now.
 
-        What lapsed a moment ago may only be late: it is waited for, for one more of its lifetimes. Whoever
-        ends the repair looks once more (robomend.robots.health).
+        What lapsed a moment ago may only be late: it is waited for, for one of its lifetimes; a circle of
+        topics may be about to begin. Whoever ends the repair looks once more (robomend.robots.health).
 
         Raises:
             Silent: nobody could confirm what acts made uncertain.
@@ -180,7 +186,7 @@ class LiveRepair:
         while result.healthy:
             result = await self._confirming.confirmed(result)
             how, unknown = health_of(self._state)
-            late_s = self._state.sight.may_be_late_s(unknown)
+            late_s = max(self._state.sight.may_be_late_s(unknown), self._circle_begins_s())
             asked = self._record.data.get("asked") and not self._record.data.get("rounds")
             behind = how.faulty or bool(self._state.not_judged())
             behind = behind and time.monotonic() < deadline
@@ -193,6 +199,15 @@ class LiveRepair:
             await self._signals.unless_halted(self._state.changed(self._state.revision, look_s))
             result = await self._newest()
         return result
+
+    def _circle_begins_s(self) -> float:
+        """Return how long topics that wait for each other may need until one is seen, by what rose last."""
+        waiting, sight = self._state.wait_for_themselves(), self._state.sight
+        if not waiting:
+            return 0.0
+        rose_ns = max((sight.rose_ns(one.atom) or 0 for one in sight.entries() if one.positive), default=0)
+        settling_ns = max(sight.delays(atom).settling_ns for atom in waiting)
+        return max(0.0, (rose_ns + settling_ns + sight.on_its_way_ns() - CLOCK.now_ns()) / 1e9)
 
     # --- choose
 

@@ -3,7 +3,8 @@
 unhealthy        the diagnosis blames somebody
 degraded         it does, and each function works by a variant that does without what is blamed
 unknown          nobody observes it: nothing of its `observed` list, or nothing at all, is fresh
-partly-unknown   nothing is known to be wrong, and something is not known, or not judged yet
+partly-unknown   nothing is known to be wrong, and something is not known, or not judged yet, or topics are
+                 silent that wait for each other, and were never seen ok
 healthy          all that should be observed is, and the diagnosis of that blames nobody
 
 `health_of` alone decides it: for the robot's state, the lists and pages, drills, and the end of a repair.
@@ -98,7 +99,7 @@ def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
         return (HealthState.DEGRADED if spared else HealthState.UNHEALTHY), unknown
     if len(silent) == len(observed) and (observed or not robot.literals()):
         return HealthState.UNKNOWN, unknown
-    doubtful = unknown or robot.not_judged()
+    doubtful = unknown or robot.not_judged() or robot.wait_for_themselves()
     return (HealthState.PARTLY_UNKNOWN if doubtful else HealthState.HEALTHY), doubtful
 
 

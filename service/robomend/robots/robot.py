@@ -24,6 +24,7 @@ from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.components import Function
 from robomend.model.functions import all_of, taken_away
+from robomend.model.loops import wait_for_themselves
 from robomend.model.system import System, variant
 from robomend.model.vocabulary import ACTIVE, TRENDS
 from robomend.observations.obs import Belief, Obs, Retracted, consequences
@@ -405,6 +406,25 @@ class Robot:
             return ()
         fallen = (literal.atom for literal in self.literals() if not literal.positive)
         return tuple(sorted(atom for atom in fallen if atom.predicate != ACTIVE))
+
+    def wait_for_themselves(self) -> tuple[Atom, ...]:
+        """Return what does not hold and is blamed on nobody only as topics wait for each other, in a circle
+        that was not seen up on this robot.
+        """
+        parts = self.system.parts
+        if parts is None or not self.system.loops or self.current is None or not self.current.healthy:
+            return ()
+        bad, good = set[str](), set[str]()
+        for literal in self.literals():
+            if literal.atom.predicate == "ok":
+                (good if literal.positive else bad).add(literal.atom.args[0])
+        if bad.isdisjoint(topic for loop in self.system.loops for topic in loop.topics):
+            return ()
+        stopped = self.expected_stopped
+        up = self._circles.up(self.system, self.obs, stopped)
+        loops = (loop for loop in self.system.loops if loop.clause not in up)
+        found = (topic for loop in loops for topic in wait_for_themselves(parts, loop, bad, good, stopped))
+        return tuple(sorted(Atom("ok", (topic,)) for topic in found))
 
     @property
     def words(self) -> Words:
