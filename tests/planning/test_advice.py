@@ -323,14 +323,27 @@ def test_what_comes_too_fast_is_worth_one_restart_and_a_second_publisher_is_susp
     assert asked.reason.startswith(LOOK)
 
 
-def driven_in_vain(times: int) -> tuple[Attempt, ...]:
+def test_a_restart_in_vain_of_one_suspect_of_what_comes_too_fast_speaks_for_a_second_publisher() -> None:
+    fast = {Atom("ok", ("pose",)): Symptom.FAST}
+    first = chosen(BASE, fails("ok", "pose"), holds("ok", "temp"), symptoms=fast)
+    assert steps(first) == ["stop_node(loc)", "start_node(loc)"]
+    then = chosen(
+        BASE, fails("ok", "pose"), holds("ok", "temp"), symptoms=fast, tried=driven_in_vain(1, "loc")
+    )
+    assert then.plan is None
+    assert "look who publishes pose; a person is needed" in then.reason
+    silent = chosen(BASE, fails("ok", "pose"), holds("ok", "temp"), tried=driven_in_vain(1, "loc"))
+    assert steps(silent) == ["stop_node(base_d)", "start_node(base_d)"]
+
+
+def driven_in_vain(times: int, node: str = "base_d") -> tuple[Attempt, ...]:
     one = Attempt(
-        frozenset({"base_d"}),
-        frozenset({"base_d"}),
+        frozenset({node}),
+        frozenset({node}),
         0,
         effect_seen=True,
         helped=False,
-        actions=("stop_node(base_d)", "start_node(base_d)"),
+        actions=(f"stop_node({node})", f"start_node({node})"),
     )
     return (one,) * times
 

@@ -160,7 +160,7 @@ def choose(
     chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns)
     oldest = now_ns - int(MEMORY_S * S_TO_NS)
     recent = [one for one in tried if one.time_ns >= oldest]
-    again = [_again(one, recent) for one in candidates]
+    again = [_again(one, recent) * _still_elsewhere(one, candidates, recent) for one in candidates]
     shares = [
         [factor * share for share in _shares(one, candidates)]
         for one, factor in zip(candidates, again, strict=True)
@@ -237,6 +237,16 @@ def _again(one: Candidate, tried: Sequence[Attempt]) -> float:
     seldom = one.remedy < 1 or power_cuts(plan)
     second = SEEN_FACTOR if seldom else AGAIN_FACTOR
     return second * SEEN_FACTOR ** (in_vain - 1)
+
+
+def _still_elsewhere(one: Candidate, candidates: Sequence[Candidate], tried: Sequence[Attempt]) -> float:
+    """Return what is left of a plan's probability to help, as what is probably wrong is none of its suspects,
+    and to act on another of them was in vain: the more so.
+    """
+    bad = frozenset(one.diagnosis.bad)
+    others = [frozenset(other.diagnosis.bad) for other in candidates if other.elsewhere]
+    vain = (each.effect_seen and not each.helped and each.bad in others for each in tried if each.bad != bad)
+    return SEEN_FACTOR if one.elsewhere and any(vain) else 1.0
 
 
 def _effort(one: Candidate) -> float:
