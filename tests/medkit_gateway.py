@@ -14,7 +14,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
+
+from tests.network import own_port
 
 
 def fault(code: str, source: str, severity: int = 2, status: str = "CONFIRMED") -> dict[str, Any]:
@@ -73,8 +76,8 @@ class MedkitGateway:
             daemon_threads = True
             allow_reuse_address = True
 
+        self.port = self.port or own_port()
         self._server = Server(("127.0.0.1", self.port), Handler)
-        self.port = self._server.server_address[1]
         threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
 
     def down(self) -> None:
@@ -175,7 +178,8 @@ class FreezableGateway:
 
 @contextmanager
 def freezable_gateway() -> Iterator[FreezableGateway]:
-    process = subprocess.Popen([sys.executable, __file__], stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", __name__]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     try:
         yield FreezableGateway(process)
     finally:

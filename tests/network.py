@@ -1,4 +1,5 @@
-"""This computer's network, as tests that run side by side share it: browsers need it still, cables change it.
+"""This computer's network, as tests that run side by side share it: browsers need it still, cables change it,
+and a port that is to be free in a moment must not be somebody else's by then.
 
 When an interface comes or goes, Chromium gives up what it is just about to fetch (ERR_NETWORK_CHANGED), a
 page or a script of it, from this computer as well; and no switch tells it otherwise.
@@ -7,6 +8,7 @@ page or a script of it, from this computer as well; and no switch tells it other
 from __future__ import annotations
 
 import fcntl
+import socket
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -32,3 +34,17 @@ def _held(how: int) -> Iterator[None]:
             fcntl.flock(next_one, fcntl.LOCK_EX)
             fcntl.flock(network, how)
         yield
+
+
+_PORTS: list[socket.socket] = []
+
+
+def own_port(host: str = "127.0.0.1") -> int:
+    """Return a port that the system gives to nobody else while this process lives. Whoever listens with
+    SO_REUSEADDR, as servers do, may: nobody listens here.
+    """
+    held = socket.socket()
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    held.bind((host, 0))
+    _PORTS.append(held)
+    return int(held.getsockname()[1])

@@ -15,6 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import pytest
+from tests.network import own_port
 from tests.node_process import NodeProcess
 from tests.packages import ROS1, ROS1_PYTHON
 
@@ -45,14 +46,14 @@ sys.stdin.read()
 
 
 class RosMaster:
-    """A master of the distribution, on a port that the system chooses; a restart keeps it."""
+    """A master of the distribution, on a port of its own; a restart keeps it."""
 
     def __init__(self, folder: Path, host: str = "127.0.0.1", inside: Sequence[str] = ()) -> None:
         """`inside` begins the command of whatever runs beside the master, where `host` is its address."""
         self.folder = folder
         self.host = host
         self.inside = tuple(inside)
-        self.port = 0
+        self.port = 0 if inside else own_port(host)
         self._process: subprocess.Popen[str] | None = None
         self.start()
 

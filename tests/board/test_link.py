@@ -137,7 +137,7 @@ async def test_a_refusal_says_which_board_what_and_why() -> None:
     ("host", "why"), [("127.0.0.1", "Connection refused"), ("no-such-host.invalid", "not known|resolution")]
 )
 async def test_why_nobody_is_reached_is_said_in_words(host: str, why: str) -> None:
-    async with link_to(1, host=host) as link:
+    async with link_to(1, host=host, connect_timeout_s=END_S) as link:
         await until(lambda: link.state is LinkState.DISCONNECTED)
         assert re.search(why, link.reason)
         assert "Errno" not in link.reason

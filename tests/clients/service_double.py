@@ -14,6 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
+from tests.network import own_port
 from tests.waiting import until
 
 
@@ -65,8 +66,8 @@ class ServiceDouble:
             def handle_error(self, request: object, client_address: object) -> None:
                 """A client that was killed is nothing to write home about."""
 
+        self.port = self.port or own_port()
         self._server = Server(("127.0.0.1", self.port), Handler)
-        self.port = self._server.server_address[1]
         threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
 
     def down(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import threading
 import time
@@ -12,14 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.clients.running_agent import agent, config
+from tests.network import own_port
 
 from robomend_client.bus import Bus, BusGone
-
-
-def free_port() -> int:
-    """Return a port that is free now; the agent listens on it a moment later."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 class Talker:
@@ -67,7 +61,7 @@ def watching(
     folder: Path, url: str, environment: Mapping[str, str] | None = None, **more: Any
 ) -> Iterator[tuple[subprocess.Popen[bytes], Talker]]:
     """Run an agent with these sections, and somebody who talks on its bus."""
-    address = f"tcp:127.0.0.1:{free_port()}"
+    address = f"tcp:127.0.0.1:{own_port()}"
     file = config(folder, url, more.pop("processes", {}), bus={"listen": address}, **more)
     with agent(file, environment) as process:
         talker = Talker(address)

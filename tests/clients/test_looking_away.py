@@ -18,16 +18,17 @@ from typing import Any
 import pytest
 from tests.clients.running_agent import SLEEPER, agent, config
 from tests.clients.service_double import ServiceDouble, eventually, service_double
-from tests.clients.talker import Talker, free_port, watching
+from tests.clients.talker import Talker, watching
 from tests.distributions import install
 from tests.medkit_gateway import medkit_gateway
+from tests.network import own_port
 
 from robomend_client.agent.watch import Watch
 from robomend_client.clock import Clock
 from robomend_client.observers import GeneralObserver
 
 OBSERVED: dict[str, Any] = {
-    "topics": {"scan": {"tolerance_hz": 8}},  # the talker may be late, on a busy computer
+    "topics": {"scan": {"tolerance_hz": 8, "silence_s": 0.7}},  # the talker may be late, on a busy computer
     "observers": {"level": {"kind": "property", "source": "tank:level", "low": 1, "lifetime_s": 3}},
 }
 WELL = {"ok(scan)": True, "ok(level)": True}
@@ -48,7 +49,7 @@ def talk(talker: Talker) -> None:
 @contextmanager
 def listening_in(folder: Path, service: ServiceDouble) -> Iterator[tuple[Any, Talker]]:
     """Run an agent that has a bus, somebody who talks on it, and an agent that listens in on it."""
-    address = f"tcp:127.0.0.1:{free_port()}"
+    address = f"tcp:127.0.0.1:{own_port()}"
     for name in ("owner", "other"):
         (folder / name).mkdir()
     owner = config(folder / "owner", service.url, {}, bus={"listen": address}, agent="owner")

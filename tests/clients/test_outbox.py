@@ -23,7 +23,7 @@ def outbox(service: ServiceDouble, tmp_path: Path) -> Callable[[Steps], DiskBuff
 
     def run(steps: Steps) -> DiskBuffer:
         loop = asyncio.new_event_loop()
-        client = AsyncClient(service.url, timeout_s=2, retry=NEVER)
+        client = AsyncClient(service.url, timeout_s=60, retry=NEVER)
         box = Outbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
         steps(lambda name, *args, **options: loop.run_until_complete(getattr(box, name)(*args, **options)))
         loop.run_until_complete(client.close())

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.clients.running_agent import alive, halted
-from tests.clients.talker import free_port
 from tests.forked import popen
+from tests.network import own_port
 from tests.repairs.robot import MODEL as SMALL
 from tests.waiting import look_s, until
 
@@ -119,7 +119,7 @@ class DrilledRobot:
         nodes = self.folder / "nodes.json"
         nodes.write_text(json.dumps(nodes_config(model, devices["devices"], 0.0)))
         agent = agent_config(model, "r1", self.url, nodes, self.folder / "agent", start_nodes=True)
-        bus = f"tcp:127.0.0.1:{free_port() if self.keep else 0}"  # kept nodes look for it where it was
+        bus = f"tcp:127.0.0.1:{own_port() if self.keep else 0}"  # kept nodes look for it where it was
         agent |= {"bus": {"listen": bus}, "when_agent_ends": "keep" if self.keep else "stop"}
         # That this computer is busy is no fault of the robot, nor of its agent: only silence is.
         agent["rate"] |= {"silence_s": 1.5}

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.network import own_port
 from tests.robomend_board.processes import END_S, Control, RawClient, running, start
 
 from robomend.board.link import BoardLink, LinkState
@@ -62,7 +63,7 @@ def test_every_acknowledged_switch_survives_kill_9(tmp_path: Path, long: bool) -
 @pytest.mark.anyio
 async def test_a_link_survives_kill_9_of_the_board_and_finds_the_relays_as_they_were(tmp_path: Path) -> None:
     state = str(tmp_path / "state.json")
-    with running("--state", state) as first:
+    with running("--state", state, port=own_port()) as first:
         async with BoardLink("127.0.0.1", first.port, broadcast_hz=100, backoff_s=(0.02, 0.1)) as link:
             await link.switch(7, True, END_S)
             while link.snapshot.channels is None:

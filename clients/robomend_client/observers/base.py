@@ -215,15 +215,17 @@ class Doubt:
         """`after_s`: so long after it verdicts rest on what came in such a time."""
         self._after_ns = ns(after_s)
         self._from_ns = self._until_ns = -(1 << 62)
+        self._starved = False
 
     def starved(self, yes: bool, time_ns: int) -> None:
         """It is from now on, or no more."""
-        if not yes:
-            self._until_ns = time_ns + self._after_ns
-        else:
+        if yes:
             if time_ns >= self._until_ns:
                 self._from_ns = time_ns
             self._until_ns = 1 << 62
+        elif self._starved:
+            self._until_ns = time_ns + self._after_ns
+        self._starved = yes
 
     def at(self, time_ns: int) -> bool:
         return self._from_ns <= time_ns < self._until_ns

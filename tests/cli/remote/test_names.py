@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 
+import pytest
 from click.shell_completion import ShellComplete
 from tests.api.test_process import command
 from tests.cli.remote.conftest import Shared
+from tests.waiting import until
 
 from robomend.cli.commands import cli
+from robomend.cli.remote import names
 
 
 def completed(*words: str) -> list[str]:
@@ -18,7 +21,10 @@ def completed(*words: str) -> list[str]:
     return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
 
 
-def test_robots_and_repairs_of_the_service_are_offered(shared: Shared, robot: str) -> None:
+def test_robots_and_repairs_of_the_service_are_offered(
+    shared: Shared, robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(names, "COMPLETION_S", 60.0)  # nobody waits at a prompt here
     repair = shared.awaiting_approval(robot)
     for line in (["status"], ["watch"], ["observe"], ["probes"], ["robot", "get"], ["repairs", "--robot"]):
         assert robot in completed(*line, robot[:1])
@@ -26,7 +32,7 @@ def test_robots_and_repairs_of_the_service_are_offered(shared: Shared, robot: st
     for name in ("repairs", "approve", "cancel"):
         assert repair in completed(name, "r-")
     shared.client.cancel(repair)
-    assert repair not in completed("approve", "r-")
+    until(lambda: repair not in completed("approve", "r-"), "it waits for nobody any more")
     assert completed("stop", "") == ["set", "lift", "show"]
 
 

@@ -214,6 +214,7 @@ def test_time_that_nobody_looked_at_is_no_silence() -> None:
         (5.0, 4.0, 4.2, None, [(4.5, "None")]),
         (5.0, 4.0, 4.2, 8.0, [(4.5, "None"), (9.3, "not ok(scan)")]),  # a window of 9 Hz at least later
         (5.0, 4.0, 5.5, None, [(4.5, "not ok(scan)")]),  # it was slow before
+        (5.0, 4.0, None, 4.2, [(4.5, "not ok(scan)")]),  # that it is no more says nothing of before
         (0.0, 4.0, None, None, [(4.5, "not ok(scan)")]),
         (0.0, 4.0, 4.2, None, [(8.5, "not ok(scan)")]),
         (0.0, 4.0, 4.2, 5.0, [(6.3, "not ok(scan)")]),

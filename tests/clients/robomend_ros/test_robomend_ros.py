@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 from tests.blocks import BLOCKS
-from tests.clients.talker import free_port
+from tests.network import own_port
 from tests.packages import KILTED, ROSLAUNCH
 from tests.ros2 import Ros2Robot, robot
 from tests.waiting import eventually, until
@@ -207,7 +207,7 @@ def test_roslaunch_launches_the_agent(tmp_path: Path) -> None:
         pytest.skip(why)
     here = {
         **agent_at(tmp_path),
-        "ROS_MASTER_URI": f"http://127.0.0.1:{free_port()}",
+        "ROS_MASTER_URI": f"http://127.0.0.1:{own_port()}",
         "ROS_PACKAGE_PATH": str(PACKAGE.parent),
         "ROS_HOME": str(tmp_path / "ros"),
     }
