@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.network import own_port
 from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, put_robot, running, service, the_repair
 from tests.robomend_board.processes import running as emulator
 from tests.waiting import eventually
@@ -222,8 +223,7 @@ async def test_power_is_planned_while_its_board_is_connected_only_and_a_person_h
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robomend.robots.declared.GONE_S", 0.3)
-    with emulator() as board:
-        port = board.port
+    port = own_port()
     firmware = MODEL.replace("lidar_node: {", "lidar_node: {restartable: false, ")
     said = [one for one in CONFIG["observed"] if not one.startswith("on(")]
     config = {

@@ -296,7 +296,7 @@ async def test_while_a_device_boots_another_fault_is_mended(
         robot.connected["base_node"] &= booted.is_set()
         return 0
 
-    model = MODEL.replace("base: {channel: 7}", "base: {channel: 7, boot_s: 4}")
+    model = MODEL.replace("base: {channel: 7}", "base: {channel: 7, boot_s: 12}")
     async with robot_of(tmp_path, source=model) as (runtime, robot):
         robot.spoil = boots
         robot.cut("base")

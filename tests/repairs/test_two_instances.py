@@ -88,11 +88,11 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(
     databases: Callable[[], tuple[str, ...]],
 ) -> None:
     database = databases()
-    begun = asyncio.Event()
+    begun, killed = asyncio.Event(), asyncio.Event()
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(0.3)  # an action takes time
+        await killed.wait()  # an action takes time
         return None
 
     async with services(database, database) as running, remote_robot(running) as robot:
@@ -108,11 +108,12 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(
         assert client is not None
         acknowledged = (await client.observations("r1"))["revision"]
         await victim.kill()
-        killed = time.monotonic()
+        killed.set()
+        killed_s = time.monotonic()
         async with asyncio.timeout(60):
             while await owner_of([*running], database) is not other:
                 await asyncio.sleep(0.2)
-        print(f"taken over after {time.monotonic() - killed:.1f} s")
+        print(f"taken over after {time.monotonic() - killed_s:.1f} s")
         repair = await latest([other], ended)
         after = await client.observations("r1")
         audit = await client.audit("r1", limit=500)

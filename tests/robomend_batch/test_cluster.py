@@ -162,7 +162,7 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
     first = cluster.worker()
     line = [*PROGRAM, *arguments(out, logs, cluster.address)]
     with process(line, tmp_path) as going:
-        until(lambda: parts(out) >= 2, "the first logs are done", 90)
+        until(lambda: parts(out) >= 2, "the first logs are done", 90, closely=True)
         os.killpg(first.pid, signal.SIGKILL)
         cluster.worker()
         before = parts(out)
@@ -171,7 +171,7 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
             assert going.poll() is None, (tmp_path / "said.txt").read_text()
             return parts(out) >= min(before + 2, 11)
 
-        until(goes_on, "another worker goes on", 90)
+        until(goes_on, "another worker goes on", 90, closely=True)
         os.killpg(cluster.scheduler.pid, signal.SIGKILL)
         assert going.wait(100) == 3, (tmp_path / "said.txt").read_text()
         said = (tmp_path / "said.txt").read_text()

@@ -24,6 +24,7 @@ rules: ["not ab(motor) -> ok(temperature)", "not ab(jaguar) -> ok(jaguar_draws) 
 """
 
 SECTIONS: dict[str, Any] = {
+    "starved": False,  # what is slow is said on a busy computer as well
     "topics": {"scan": {}, "image": {"rate_hz": 30, "tolerance_hz": 3, "silence_s": 2}},
     "observers": {
         "temperature": {"kind": "property", "source": "motor:temperature", "high": 60},

@@ -81,7 +81,8 @@ STOPS = (
 
 
 def operator(url: str, key: str, looks: int, over: threading.Event) -> Figures:
-    """Ask again and again until `over`, each at least once; return how long each kind of request took.
+    """Ask again and again until `over`, each at least once on a connection of its own and on one kept;
+    return how long each kind of request took.
 
     Args:
         key: none if empty.
@@ -92,7 +93,7 @@ def operator(url: str, key: str, looks: int, over: threading.Event) -> Figures:
     kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
     wanted = (*LOOKS * looks, *STOPS)
     for number in itertools.count():
-        if over.is_set() and number >= len(wanted):
+        if over.is_set() and number >= AGAIN * len(wanted):
             break
         turn, kind = divmod(number, len(wanted))
         name, method, path = wanted[kind]

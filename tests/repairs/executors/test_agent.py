@@ -79,7 +79,7 @@ async def test_nobody_there_means_that_it_did_not_act(store: Store, queue: Agent
 async def test_an_agent_that_begins_and_never_reports_leaves_the_outcome_unknown(
     store: Store, queue: AgentQueue
 ) -> None:
-    result = sent(store, queue, 0.6)
+    result = sent(store, queue, 3.0)
     action = await queue.take("r1", "nuc", 5.0)
     assert action is not None
     await queue.feedback(action.id, 0, "begun")
