@@ -217,7 +217,7 @@ def test_a_body_that_stalls_is_given_up(start: StartService) -> None:
 
 
 def test_too_many_requests_are_told_when_to_come_back(start: StartService) -> None:
-    service = start(requests_per_s=1.0, burst=3)
+    service = start(requests_per_s=0.05, burst=3)
     answers = [service.api("GET", "/robots") for _ in range(4)]
     assert [answer.status_code for answer in answers] == [200, 200, 200, 429]
     assert answers[-1].json()["code"] == "too-many-requests"

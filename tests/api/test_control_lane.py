@@ -126,6 +126,7 @@ def test_who_lifts_a_stop_is_not_who_was_let_in_earlier(
     with held_loop(service):
         assert fresh(service, "POST", "/api/v1/stop", json={"reason": "smoke"}).status_code == 202
         assert fresh(service, "DELETE", "/api/v1/stop", params={"reason": "mine"}).status_code == 503
+    monkeypatch.setattr(control_lane, "UNKNOWN_S", 60.0)
     assert fresh(service, "DELETE", "/api/v1/stop", params={"reason": "mine"}).status_code == 401
     assert service.runtime.repairs.switch.active
 

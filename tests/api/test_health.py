@@ -46,9 +46,9 @@ def test_healthy_since_does_not_reach_over_a_time_in_which_nobody_looked(start: 
     service = start()
     service.with_robot("r1", observed=["ok(odom)"])
 
-    def look() -> None:
+    def look(lifetime_s: float = 3600.0) -> None:
         now_ns = time.time_ns()  # it began to look just now
-        body = {"observations": ["ok(odom)"], "lifetime_s": 0.4, "time": now_ns, "since": [now_ns]}
+        body = {"observations": ["ok(odom)"], "lifetime_s": lifetime_s, "time": now_ns, "since": [now_ns]}
         service.api("POST", "/robots/r1/observations", json=body)
 
     def headline() -> Headline:
@@ -57,6 +57,7 @@ def test_healthy_since_does_not_reach_over_a_time_in_which_nobody_looked(start: 
     for _ in range(2):
         look()
     first = headline()
+    look(0.4)
     until(lambda: "Nothing is heard" in headline().text(0), "that nobody looks any more")
     for _ in range(2):
         look()

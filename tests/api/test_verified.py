@@ -67,7 +67,8 @@ class Robot:
             self._over.wait(number * period_s / 7)
             while not self._over.wait(period_s):  # time itself: it speaks more rarely than it is believed
                 body = {"observations": self.said()[who], "source": who, "lifetime_s": self._lifetime_s}
-                client.post("/api/v1/robots/r1/observations", json=body).raise_for_status()
+                answer = client.post("/api/v1/robots/r1/observations", json=body)
+                assert answer.status_code in {200, 503}, answer.text  # 503: the disk is slow just now
 
     def _act(self) -> None:
         with httpx.Client(base_url=self._url, timeout=60, verify=CERTIFICATES) as client:

@@ -55,7 +55,7 @@ def test_who_waits_for_a_robot_keeps_it_and_is_told(start: StartService) -> None
 def test_what_grows_stale_is_diagnosed_though_nobody_asked_since(start: StartService) -> None:
     service = start(max_robots=1)
     service.with_robot("timed")
-    service.observe("not ok(scan)", robot="timed", lifetime_s=1.0)
+    service.observe("not ok(scan)", robot="timed", lifetime_s=5.0)
     revisions = []
     with service.http.stream("GET", "/api/v1/robots/timed/events") as stream:
         lines = stream.iter_lines()

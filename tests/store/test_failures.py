@@ -319,5 +319,6 @@ async def test_one_who_waits_for_too_long_is_told_and_the_next_write_goes_on(
         await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
     other.execute("ROLLBACK")
     other.close()
+    monkeypatch.undo()
     assert (await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))).active
     await store.close()

@@ -7,6 +7,7 @@ All of it is on the first screen of a robot's page, in the words of the list, th
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, Literal
@@ -117,7 +118,13 @@ def repairs(service: Service, robot: str, state: str = "") -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def six(service: Service) -> Service:
+def six(service: Service) -> Iterator[Service]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robomend.repairs.reasons.AGAIN_S", 3600.0)  # what is given up stays so meanwhile
+        yield with_situations(service)
+
+
+def with_situations(service: Service) -> Service:
     for robot, case in SITUATIONS.items():
         if robot != "degraded":
             service.with_robot(robot, **case.config)
