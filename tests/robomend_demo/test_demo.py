@@ -180,7 +180,9 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
             time.sleep(after_s)  # a random moment
             demo.process.send_signal(signal.SIGINT)
             assert demo.process.wait(END_S) in {*AFTER_CTRL_C, 0}, (after_s, demo.said())
-            assert "Traceback" not in demo.said(), (after_s, demo.said())
+            # On a busy computer the interpreter itself is not ready yet: nothing of ours could catch it.
+            ours = "Traceback" in demo.said() and re.search(r'File ".*robomend', demo.said())
+            assert not ours, (after_s, demo.said())
             demo.nothing_is_left()
 
 

@@ -163,5 +163,5 @@ def test_an_agent_that_is_starved_as_its_robot_is_does_not_call_it_slow_and_then
                 eventually(lambda: service.signs().get("ok(scan)") is not True, "it is not well", 60)
                 time.sleep(8)  # twice as long as a window takes, and a silence: meanwhile nothing bad is said
                 assert said(service, batches) <= {"ok(scan)"}
-            eventually(lambda: service.signs().get("ok(scan)") is False, "it is slow", 60)
+            eventually(lambda: service.signs().get("ok(scan)") is False, "it is slow", 200)
         eventually(lambda: service.signs().get("ok(scan)") is True, "all well again", 60)
