@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import time
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
@@ -44,7 +45,8 @@ CarryOut = Callable[[Act, str], Awaitable[ActionResult]]
 class Line(AsyncClient):
     """The way from an agent to the service: it may be cut, held up, slow, and of an agent of long ago.
 
-    Everything that the agent sends goes this way; `noted` is told of each batch of observations that arrived.
+    Everything that the agent sends goes this way; `noted` is told of each batch of observations that arrived,
+    and how many seconds its answer took.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class Line(AsyncClient):
         client: AsyncClient,
         reporting: Reporting,
         seed: str,
-        noted: Callable[[Mapping[str, Any]], None] = lambda batch: None,
+        noted: Callable[[Mapping[str, Any], float], None] = lambda batch, took_s: None,
     ) -> None:
         # Not a connection of its own: `client` has it.
         self._client = client
@@ -72,10 +74,12 @@ class Line(AsyncClient):
         if self.cut:
             await asyncio.sleep(CUT_S)
             raise Unreachable("the link is down")
+        sent_s = time.monotonic()
         answer = await self._client.send(self._as_of_old(call) if self._reporting.old else call, retry)
+        took_s = time.monotonic() - sent_s
         await self.open.wait()
         if reports:
-            self._noted(call.json)
+            self._noted(call.json, took_s)
         return answer
 
     def _as_of_old(self, call: Call[T]) -> Call[T]:
@@ -97,7 +101,7 @@ class HostAgent:
         knows: Collection[Act],
         carry_out: CarryOut,
         reporting: Reporting = USUAL,
-        noted: Callable[[str, Mapping[str, Any]], None] = lambda agent, batch: None,
+        noted: Callable[[str, Mapping[str, Any], float], None] = lambda agent, batch, took_s: None,
     ) -> None:
         """`clients` are for reports and for orders; `knows` are the acts that this host can do."""
         self.host = host

@@ -371,14 +371,15 @@ class LiveRobot:
         self.happened()
         self.record.acts.append(Acted(self.at_s(), act, "board", code))
 
-    def _arrived(self, agent: str, batch: Mapping[str, Any]) -> None:
-        """A batch of an agent has arrived at the service."""
+    def _arrived(self, agent: str, batch: Mapping[str, Any], took_s: float) -> None:
+        """A batch of an agent has arrived at the service, which took so long to answer."""
         literals = tuple(
             Literal(parse_atom(text.removeprefix("not ")), not text.startswith("not "))
             for text in batch.get("observations", ())
         )
         gone = tuple(map(parse_atom, batch.get("unknown", ())))
-        self.record.arrived.append(Arrived(self.at_s(), agent, literals, gone, float(batch["lifetime_s"])))
+        now_s, lifetime_s = self.at_s(), float(batch["lifetime_s"])
+        self.record.arrived.append(Arrived(now_s, agent, literals, gone, lifetime_s, now_s - took_s))
 
     def _note_said(self, now_s: float, changes: Sequence[Change]) -> None:
         new: dict[Atom, Literal] = {}

@@ -87,6 +87,7 @@ class Arrived:
     literals: tuple[Literal, ...]
     unknown: tuple[Atom, ...]
     lifetime_s: float
+    sent_s: float  # from then on it may be known
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +129,9 @@ class Record:
         """Move what was noted so far in time."""
         self.states = [(at + by_s, state) for at, state in self.states]
         self.said = [(at + by_s, literals) for at, literals in self.said]
-        self.arrived = [replace(each, at_s=each.at_s + by_s) for each in self.arrived]
+        self.arrived = [
+            replace(each, at_s=each.at_s + by_s, sent_s=each.sent_s + by_s) for each in self.arrived
+        ]
         self.called_healthy = [(asked + by_s, told + by_s) for asked, told in self.called_healthy]
         self.notes = [(at + by_s, text) for at, text in self.notes]
         self.unknown = [(at + by_s, atoms) for at, atoms in self.unknown]

@@ -179,14 +179,13 @@ def _silent(record: Record, anatomy: Anatomy, from_s: float, until_s: float) -> 
 def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
     """Return what was bad by what was last said of it at a time, or not said again for its lifetime.
 
-    What arrived so shortly before that, or after, that it may or may not have been known counts as good news.
+    What arrived so shortly before that, or after, that it may or may not have been known counts as good news;
+    so does what was sent and not answered yet, of a service that is busy.
     """
     said: dict[Atom, tuple[float, bool | None]] = {}  # atom -> until when, and what
     fresh: set[Atom] = set()
     for batch in record.arrived:
-        if batch.at_s > at_s + GRACE_S:
-            break
-        if batch.agent == SECOND_EAR:
+        if min(batch.sent_s, batch.at_s - GRACE_S) > at_s or batch.agent == SECOND_EAR:
             continue
         until_s = batch.at_s + batch.lifetime_s
         values: dict[Atom, bool | None] = {each.atom: each.positive for each in batch.literals}
@@ -196,7 +195,7 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
             fresh |= {atom for atom, (_, positive) in now.items() if positive}
         if batch.at_s <= at_s:
             said |= now
-        elif batch.at_s <= at_s + LAPSE_GRACE_S:  # that it is said may be known already, and not what
+        elif min(batch.sent_s, batch.at_s - LAPSE_GRACE_S) <= at_s:  # that it is said may be known, not what
             said |= {atom: (until_s, said[atom][1]) for atom in now if atom in said}
     found = []
     for literal in robot.anatomy.healthy:

@@ -103,9 +103,9 @@ def test_of_what_passes_only_what_nobody_could_know_is_excused(cls: str) -> None
 # --- what is false ---------------------------------------------------------------------------------------
 
 
-def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0) -> Arrived:
+def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0, took_s: float = 0.01) -> Arrived:
     literals = tuple(-holds("ok", t.removeprefix("not ")) if "not " in t else holds("ok", t) for t in texts)
-    return Arrived(at_s, "onboard", literals, (), lifetime_s)
+    return Arrived(at_s, "onboard", literals, (), lifetime_s, at_s - took_s)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,13 @@ def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0) -> Arrived:
         ([arrived(1.0, "scan"), arrived(9.0, "scan")], ""),
         ([arrived(8.0, "scan"), arrived(9.0, "not scan")], "not ok(scan) was said last"),
         ([arrived(8.0, "not scan"), arrived(9.95, "scan")], ""),
+        ([arrived(8.0, "not scan"), arrived(10.5, "scan")], "not ok(scan) was said last"),
+        (
+            [arrived(8.0, "not scan"), arrived(10.5, "scan", took_s=0.6)],
+            "",
+        ),  # it may be known, and not answered
         ([arrived(1.0, "scan", lifetime_s=8.9)], "ok(scan) had not been said again in its lifetime"),
+        ([arrived(1.0, "scan", lifetime_s=8.9), arrived(10.5, "scan", took_s=0.6)], ""),
     ],
 )
 def test_repaired_is_false_over_what_was_bad_or_had_lapsed(batches: list[Arrived], false: str) -> None:
