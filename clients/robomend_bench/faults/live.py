@@ -379,7 +379,9 @@ class LiveRobot:
         )
         gone = tuple(map(parse_atom, batch.get("unknown", ())))
         now_s, lifetime_s = self.at_s(), float(batch["lifetime_s"])
-        self.record.arrived.append(Arrived(now_s, agent, literals, gone, lifetime_s, now_s - took_s))
+        said_s = now_s - (time.time_ns() - int(batch["time"])) / 1e9
+        arrived = Arrived(now_s, agent, literals, gone, lifetime_s, now_s - took_s, said_s)
+        self.record.arrived.append(arrived)
 
     def _note_said(self, now_s: float, changes: Sequence[Change]) -> None:
         new: dict[Atom, Literal] = {}

@@ -88,6 +88,7 @@ class Arrived:
     unknown: tuple[Atom, ...]
     lifetime_s: float
     sent_s: float  # from then on it may be known
+    said_s: float  # of two that were on their way at a time the newer word counts, whichever comes first
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,8 @@ class Record:
         self.states = [(at + by_s, state) for at, state in self.states]
         self.said = [(at + by_s, literals) for at, literals in self.said]
         self.arrived = [
-            replace(each, at_s=each.at_s + by_s, sent_s=each.sent_s + by_s) for each in self.arrived
+            replace(each, at_s=each.at_s + by_s, sent_s=each.sent_s + by_s, said_s=each.said_s + by_s)
+            for each in self.arrived
         ]
         self.called_healthy = [(asked + by_s, told + by_s) for asked, told in self.called_healthy]
         self.notes = [(at + by_s, text) for at, text in self.notes]
@@ -159,7 +161,7 @@ class Record:
                 all_of_it = all_of_it | {literal.atom: literal.positive for literal in literals}
                 found.append((at_s, all_of_it))
             return found
-        held: dict[Atom, tuple[bool, float]] = {}
+        held: dict[Atom, tuple[bool, float, float]] = {}
         waiting = [batch for batch in self.arrived if batch.agent != SECOND_EAR]
         times = sorted({at_s for b in waiting for at_s in (b.at_s, b.at_s + b.lifetime_s)})
         waiting.reverse()
@@ -168,10 +170,13 @@ class Record:
             while waiting and waiting[-1].at_s <= at_s:
                 batch = waiting.pop()
                 until_s = batch.at_s + batch.lifetime_s
-                held.update({literal.atom: (literal.positive, until_s) for literal in batch.literals})
+                for literal in batch.literals:
+                    if literal.atom not in held or held[literal.atom][2] <= batch.said_s:
+                        held[literal.atom] = literal.positive, until_s, batch.said_s
                 for atom in batch.unknown:
-                    held.pop(atom, None)
-            known = {atom: positive for atom, (positive, until_s) in held.items() if until_s > at_s}
+                    if atom in held and held[atom][2] <= batch.said_s:
+                        del held[atom]
+            known = {atom: positive for atom, (positive, until_s, _) in held.items() if until_s > at_s}
             if not found or known != found[-1][1]:
                 found.append((at_s, known))
         return found

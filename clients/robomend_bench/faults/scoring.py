@@ -184,7 +184,7 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
     """
     said: dict[Atom, tuple[float, bool | None]] = {}  # atom -> until when, and what
     fresh: set[Atom] = set()
-    for batch in record.arrived:
+    for batch in sorted(record.arrived, key=lambda batch: batch.said_s):
         if min(batch.sent_s, batch.at_s - GRACE_S) > at_s or batch.agent == SECOND_EAR:
             continue
         until_s = batch.at_s + batch.lifetime_s

@@ -103,9 +103,11 @@ def test_of_what_passes_only_what_nobody_could_know_is_excused(cls: str) -> None
 # --- what is false ---------------------------------------------------------------------------------------
 
 
-def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0, took_s: float = 0.01) -> Arrived:
+def arrived(
+    at_s: float, *texts: str, lifetime_s: float = 5.0, took_s: float = 0.01, late_s: float = 0.0
+) -> Arrived:
     literals = tuple(-holds("ok", t.removeprefix("not ")) if "not " in t else holds("ok", t) for t in texts)
-    return Arrived(at_s, "onboard", literals, (), lifetime_s, at_s - took_s)
+    return Arrived(at_s, "onboard", literals, (), lifetime_s, at_s - took_s, at_s - late_s)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +121,8 @@ def arrived(at_s: float, *texts: str, lifetime_s: float = 5.0, took_s: float = 0
             [arrived(8.0, "not scan"), arrived(10.5, "scan", took_s=0.6)],
             "",
         ),  # it may be known, and not answered
+        ([arrived(8.0, "scan"), arrived(9.0, "not scan", late_s=1.5)], ""),  # it was overtaken
+        ([arrived(8.0, "scan", late_s=1.5), arrived(9.0, "not scan")], "not ok(scan) was said last"),
         ([arrived(1.0, "scan", lifetime_s=8.9)], "ok(scan) had not been said again in its lifetime"),
         ([arrived(1.0, "scan", lifetime_s=8.9), arrived(10.5, "scan", took_s=0.6)], ""),
     ],
