@@ -57,7 +57,7 @@ def waiting(tmp_path: Path) -> list[str]:
 def test_a_topic_that_falls_silent_comes_with_its_last_message_and_its_rate(
     service: ServiceDouble, tmp_path: Path
 ) -> None:
-    sections = {"topics": {"scan": {}, "odom": COMES_ANYHOW}, "moments": {"after_s": 2}}
+    sections: dict[str, Any] = {"topics": {"scan": {}, "odom": COMES_ANYHOW}, "moments": {"after_s": 2}}
     with watching(tmp_path, service.url, **sections) as (_, talker):
         talker.say("odom", data={"x": 1})
         talker.say("scan", data={"ranges": [1, 2], "frame": "laser <b>"})

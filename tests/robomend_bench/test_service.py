@@ -110,7 +110,7 @@ def test_latency_counts_from_when_a_change_was_due(service: Served) -> None:
             return super().change()
 
     async def run() -> None:
-        robots = [HeldUp("c0", 1, faults=3)]
+        robots: list[SimulatedRobot] = [HeldUp("c0", 1, faults=3)]
         await prepare(service.url, robots)
         result = await run_fleet(service.url, robots, rate_hz=20, seconds=1, seed=1)
         assert result["acknowledged"]["count"] == 20
