@@ -107,8 +107,8 @@ def named(what: Sequence[object]) -> str:
 
 def unconfirmed(unknown: Sequence[Atom], state: Robot) -> str:
     """Return the reason of a repair after which nothing is known to be wrong, and this is not known."""
-    if circle := set(state.wait_for_themselves()).intersection(unknown):
-        silent = named(sorted(f"not {atom}" for atom in circle))
+    if unknown and tuple(unknown) == state.wait_for_themselves():
+        silent = named([f"not {atom}" for atom in unknown])
         return (
             f"not confirmed: {silent}: still seen, and blamed on nobody only as topics wait for each other, "
             "in a circle that was never seen up"

@@ -90,7 +90,7 @@ class Facts:
     more: int = 0  # diagnoses that are not among them
     symptoms: Sequence[Json] = ()  # `seen`, the oldest first
     unknown: Sequence[str] = ()
-    waiting: Sequence[str] = ()  # of it, what is reported bad, and waits for itself in a circle of topics
+    waiting: bool = False  # it is reported bad, and waits for itself in a circle of topics
     away: Sequence[str] = ()  # observers of which nothing is left but what is unknown
     since_ns: int | None = None  # of the state, where no symptom says it
     fault: str = ""  # why there is no diagnosis
@@ -176,7 +176,7 @@ def of_robot(robot: Robot, repair: Json | None) -> Headline:
                 if (one := seen(entry, conflicts))["blames"] or entry.atom not in only_conditions
             ],
             unknown=[str(atom) for atom in unknown],
-            waiting=[str(atom) for atom in robot.wait_for_themselves() if atom in unknown],
+            waiting=bool(unknown) and unknown == robot.wait_for_themselves(),
             away=away,
             since_ns=since_ns,
             fault="" if current is None or not current.fault else str(current.fault.get("detail")),
@@ -574,8 +574,9 @@ def _then(of: Facts) -> tuple[Told, bool, str | None]:
                     False,
                     None,
                 )
+            if of.waiting:
+                return ("It is judged as soon as one of them is ok.",), False, None
             when = "as soon as it is reported" if of.unknown else "in a moment"
-            when = "as soon as one of them is ok" if of.waiting else when
             return (f"It is judged {when}.",), False, None
     if of.policy == "observe":
         return ("A person is needed: robomend only observes it.",), True, None

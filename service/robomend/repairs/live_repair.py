@@ -176,8 +176,9 @@ class LiveRepair:
     async def _verified(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return a diagnosis that is not healthy, or one that is, and of what is known of the robot now.
 
-        What lapsed a moment ago may only be late: it is waited for, for one of its lifetimes; a circle of
-        topics may be about to begin. Whoever ends the repair looks once more (robomend.robots.health).
+        What lapsed a moment ago may only be late: it is waited for, for one more of its lifetimes. So is a
+        circle of topics that may be about to begin. Whoever ends the repair looks once more
+        (robomend.robots.health).
 
         Raises:
             Silent: nobody could confirm what acts made uncertain.
