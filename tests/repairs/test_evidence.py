@@ -13,6 +13,9 @@ from typing import Any
 import pytest
 from tests.repairs.robot import (
     CONFIG,
+    MODEL,
+    OBSERVED,
+    SHUT_DOWN,
     Robot,
     repaired,
     robot_of,
@@ -345,3 +348,28 @@ async def test_what_cannot_be_judged_while_what_is_blamed_fails_is_not_waited_fo
         robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
     assert (repair["state"], len(repair["rounds"])) == ("repaired", 2), repair["reason"]
+
+
+async def test_a_fault_before_two_values_were_ever_compared_is_repaired_without_the_comparison(
+    tmp_path: Path,
+) -> None:
+    """The robot has just come up; that its base has no power is seen, and with it that odometry is silent."""
+    values = "values: {yaw: {topic: odom, field: yaw}, turn: {topic: scan, field: yaw}}"
+    model = f"{MODEL}{values}\nrelated: [[yaw, turn]]\n"
+    observed = [*OBSERVED, "matched(turn,yaw)"]
+
+    class Compares(WithAgent):
+        async def report(self) -> None:
+            if self.silent:
+                return
+            now_ns, sentences = CLOCK.now_ns(), self.sentences()
+            said = [*sentences, "matched(turn,yaw)"] if self.done and "ok(odom)" in sentences else sentences
+            await self.robots.observe(
+                "r1", Batch(said, source="agent", time_ns=now_ns, since=[now_ns] * len(said))
+            )
+
+    about = {"observed": observed, "observed_timeout_s": 120.0}
+    async with robot_of(tmp_path, Compares, model, **about) as (runtime, robot):
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN), repair["reason"]

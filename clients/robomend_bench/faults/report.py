@@ -361,20 +361,23 @@ def _by(
 
 
 def beside_table(rows: Mapping[str, Sequence[Score]]) -> Iterator[str]:
-    """Yield one line for each that had the same faults."""
+    """Yield one line for each that had the same faults; where both mended one, each is beside the first."""
     yield (
         "| | repaired | escalated, named | called repaired that were not | wrong acts | power cuts "
-        "| detection → repaired, median / 90th percentile | fault → repaired | less what it decides |"
+        "| detection → repaired, median / 90th percentile | less what it decides "
+        f"| where {next(iter(rows))} repaired it too | {next(iter(rows))} there |"
     )
-    yield "| --- |" + " ---: |" * 8
+    yield "| --- |" + " ---: |" * 9
+    first = {s.trial: s.repaired_s for s in next(iter(rows.values())) if s.repaired_s is not None}
     for name, scores in rows.items():
         mended = [s for s in scores if s.repairable]
         hopeless = [s for s in scores if s.repairable is False]
         acts = sum(s.acts for s in scores)
         timed = [s for s in scores if s.repaired_s is not None and s.detection_s is not None]
         repaired_s = [s.repaired_s or 0.0 for s in timed]
-        since_s = [(s.repaired_s or 0.0) + (s.detection_s or 0.0) for s in timed]
         less_s = [(s.repaired_s or 0.0) - s.parts.get(str(Part.DECIDES), 0.0) for s in timed]
+        both = [s for s in timed if s.trial in first]
+        both_s, first_s = [s.repaired_s or 0.0 for s in both], [first[s.trial] for s in both]
         cells = [
             name,
             _of(sum(bool(s.repaired) for s in mended), len(mended)),
@@ -382,7 +385,7 @@ def beside_table(rows: Mapping[str, Sequence[Score]]) -> Iterator[str]:
             str(sum(bool(s.false_repaired) for s in scores)),
             f"{_percent(sum(len(s.wrong) for s in scores), acts)} of {acts}",
             str(sum(s.cuts for s in scores)),
-            *(_two(times) for times in (repaired_s, since_s, less_s)),
+            *(_two(times) for times in (repaired_s, less_s, both_s, first_s)),
         ]
         yield f"| {' | '.join(cells)} |"
 

@@ -254,7 +254,7 @@ class Driver:
             self._combined.settle(n, atom)
             for state in self._combined.speakers(atom):
                 self._refresh(state)  # what stands until then stands on its newest evidence
-                self._reset(state, self.now_ns, touched)
+                self._reset(state, max(self.now_ns, state.floor_ns), touched)  # in a lapse, from its end on
         return self._combined.changes(touched, self.now_ns)
 
     def lapse(self, until_ns: int) -> Sequence[Change]:
@@ -474,7 +474,7 @@ class Driver:
         mine: dict[Atom, None] = {} if touched is None else touched
         state.verdicts.clear()
         if again:
-            self._reset(state, self.now_ns, mine)
+            self._reset(state, max(self.now_ns, state.floor_ns), mine)
             # One that fails again and again costs little.
             self._ticks.schedule(state, after(self.now_ns, SECOND))
         else:

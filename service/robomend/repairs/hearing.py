@@ -125,7 +125,7 @@ class Hearing:
     def _mute_with_suspects(self, silent: Collection[Atom], *, explained: bool) -> frozenset[Atom]:
         """Return what nobody can judge as it rests on what is suspected: two values match or not while both
         are there. Once all were heard it need not be said; before, who observes it has to say that there is
-        nothing to see.
+        nothing to see, or who observes the topic of such a value that the topic is bad.
         """
         state, parts = self._state, self._state.system.parts
         suspects = frozenset(name for bad in (state.current and state.current.bad_sets) or () for name in bad)
@@ -133,12 +133,18 @@ class Hearing:
             atom
             for atom in silent
             if (self._complete and atom.predicate not in OBSERVED_FACTS)
-            or (explained and state.sight.nothing_to_see(atom))
+            or (explained and (state.sight.nothing_to_see(atom) or self._without_values(atom)))
         ]
         if parts is None or not suspects or not mute:
             return frozenset()
         _, system, _ = state.question(())
         return influenced(parts, theory_of(system.cnf), suspects, mute)
+
+    def _without_values(self, atom: Atom) -> bool:
+        """Return whether an atom is about values of a topic that is reported bad."""
+        parts = self._state.system.parts
+        values = () if parts is None else [parts.values[name] for name in atom.args if name in parts.values]
+        return any(self._state.sight.value(Atom("ok", (value.topic,))) is False for value in values)
 
     def _source(self, atom: Atom) -> str | None:
         entry = self._state.obs.get(atom)

@@ -335,6 +335,16 @@ def test_a_short_lapse_only_puts_ticks_off() -> None:
     ]
 
 
+def test_what_is_to_be_judged_anew_in_a_lapse_is_judged_from_the_end_of_the_lapse() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 20)  # the last one at 1.9 s
+    driver.lapse(ns(4.0))
+    assert driver.settle(7, [SCAN]) == []
+    assert values(driver.advance(ns(4.3))) == []  # silent for more than a second, if somebody had looked
+    (again,) = beat(driver, "scan", 4.3, 8)
+    assert (again.value, again.settled) == (holds("ok", "scan"), 7)
+
+
 # --- nobody looks ------------------------------------------------------------------------------------------
 
 

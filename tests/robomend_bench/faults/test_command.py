@@ -100,6 +100,12 @@ def test_beside_what_people_use_all_have_the_same_faults(
     assert [row[0].removeprefix("| ") for row in rows] == ["perfect", *IN_USE.values()]
     assert len({row[1].partition(" of ")[2] for row in rows}) == 1
     assert rows[0][1] == "7 of 7"
+    # The last two: where both repaired it, each one's times and those of the first.
+    assert rows[0][6] == rows[0][8] == rows[0][9].removesuffix(" |")
+    assert rows[1][6] == rows[1][8] != "–"
+    assert rows[1][9] != rows[0][9]
+    assert run(monkeypatch, *few, "idle") == 0
+    assert {line[-9:] for line in capsys.readouterr().out.splitlines()[2:]} == {"| – | – |"}
     assert run(monkeypatch, *few, "idle", "--format", "json") == 0
     told = json.loads(capsys.readouterr().out)["beside"]
     wrong = {
