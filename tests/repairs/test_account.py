@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.repairs.robot import Robot, robot_of, the_repair
 
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
@@ -30,6 +30,15 @@ def test_grounds_are_bounded_and_symptoms_come_in_the_order_in_which_they_began(
         f"not ok(t{n})" for n in range(29, 29 - MOST, -1)
     ]
     assert found["symptoms_left_out"] == 30 - MOST
+
+
+def test_that_a_value_that_rises_does_not_fall_is_no_symptom_and_that_it_stands_still_is() -> None:
+    entries = [Entry(fails(trend, "stamp"), "agent", 9, None, 8, 4) for trend in ("inc", "dec")]
+    conflict = Conflict(("a",), (fails("inc", "stamp"), holds("ok", "t")), (), "")
+    result = DiagnosisResult(("a",), (Diagnosis(("a",)),), True, None, (conflict,), 0.0)
+    found = grounds(result, choose([Candidate(Diagnosis(("a",)), NO_PLAN)]), entries)
+    assert [one["literal"] for one in found["symptoms"]] == ["not inc(stamp)"]
+    assert outcome({"symptoms": []}, {entry.atom: entry for entry in entries}) == []
 
 
 def test_the_outcome_names_what_does_not_hold_and_was_no_symptom_when_the_round_began() -> None:

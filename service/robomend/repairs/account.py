@@ -10,20 +10,20 @@ Nothing here looks at the robot as it is now: an account says the same whenever 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
-from robomend.model.vocabulary import ACTIVE
+from robomend.model.vocabulary import ACTIVE, TRENDS
 from robomend.planning.choice import Choice
 from robomend.planning.plan import in_prose, step_title
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.headline import began, observed, seen, surely
 from robomend.repairs.states import StepState
 from robomend_client.counts import counted
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 Json = Mapping[str, Any]
 
@@ -31,9 +31,12 @@ MOST = 10
 """Symptoms, conflicts and rivals that a round keeps; the rest is counted."""
 
 
-def _symptom(entry: Entry) -> bool:
-    """Whether it does not hold and should; that a variant is not active is no symptom."""
-    return not entry.positive and entry.atom.predicate != ACTIVE
+def _symptom(entry: Entry, blamed_for: Collection[Literal] = ()) -> bool:
+    """Whether it does not hold and should. That a variant is not active is no symptom, nor that a value that
+    rises does not fall, unless something is blamed for it.
+    """
+    known = entry.atom.predicate not in (ACTIVE, *TRENDS) or entry.literal in blamed_for
+    return not entry.positive and known
 
 
 def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -> dict[str, Any]:
@@ -44,7 +47,8 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
         entries: what is known of the robot; what does not hold are its symptoms.
     """
     bad = frozenset(blamed(result, choice))
-    symptoms = sorted(filter(_symptom, entries), key=began)
+    blamed_for = {literal for one in result.conflicts for literal in one.observations}
+    symptoms = sorted((one for one in entries if _symptom(one, blamed_for)), key=began)
     rests = [(one.components, tuple(map(str, one.observations))) for one in result.conflicts]
     conflicts = [one.text for one in result.conflicts if set(one.components) & bad]
     rivals = [one for one in choice.alternatives if frozenset(one.diagnosis.bad) != bad]
