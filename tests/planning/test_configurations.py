@@ -239,6 +239,7 @@ def test_a_fault_that_comes_and_goes_ends_with_the_safer_variant_until_it_is_gon
         water.diagnoses = [{"camera"}] if now_s // 3 % 2 else [set()]
         changes += water.decide(now_s).changes
     assert (water.active, len(changes)) == ("low", 3)
+    assert changes[1].reason == "nothing that high needs is blamed any more"  # the water was clear all along
     water.diagnoses = [set()]
     water.decide(600)
     held = water.decide(601).states["altitude"].held

@@ -286,6 +286,7 @@ class Keeper:
 
     made: list[Made] = field(default_factory=list)
     _since: dict[tuple[str, str], int] = field(default_factory=dict)
+    _suspected: dict[tuple[str, str], bool] = field(default_factory=dict)  # why it was not, the last time
     _failed: dict[tuple[str, str], tuple[int, int, str]] = field(default_factory=dict)
 
     def failed(self, function: str, variant: str, why: str, now_ns: int, least_ns: int = RETRY_NS) -> None:
@@ -351,6 +352,7 @@ class Keeper:
                     self._since.setdefault((name, variant_name), now_ns)
                 else:
                     self._since.pop((name, variant_name), None)
+                    self._suspected[name, variant_name] = standing.suspected
             state, wake_ns = self._target(state, now_ns, conditions, known)
             target = state.target
             if wake_ns is not None:
@@ -359,7 +361,9 @@ class Keeper:
                 order = list(function.variants)
                 better = order.index(target) < order.index(active)
                 reason = standings[active].why
-                if better:
+                if better and self._suspected.get((name, target)):
+                    reason = f"nothing that {target} needs is blamed any more"
+                elif better:
                     reason = met(conditions.get((name, target)), known) or f"{target} is admissible again"
                 rests = {need.function for need in needs_of(function.variants[active], model)}
                 fault = standings[active].broken or any(c.fault and c.function in rests for c in changes)
