@@ -231,6 +231,15 @@ def test_a_fault_soon_after_the_way_back_is_no_flapping_of_the_condition_and_mak
     assert back_s == [0.4, 5.1, 10.1, 20.1]
 
 
+def test_who_changed_by_hand_is_told_that_the_better_variant_is_admissible_not_that_it_is_so_again() -> None:
+    water = Water(active="high")
+    water.visibility = 3.6
+    assert not water.decide(0).changes
+    water.active = "low"
+    (back,) = water.decide(1).changes
+    assert (back.target, back.reason) == ("high", "high is admissible")
+
+
 def test_a_fault_that_comes_and_goes_ends_with_the_safer_variant_until_it_is_gone() -> None:
     water = Water(active="high")
     water.visibility = 3.5

@@ -286,7 +286,7 @@ class Keeper:
 
     made: list[Made] = field(default_factory=list)
     _since: dict[tuple[str, str], int] = field(default_factory=dict)
-    _suspected: dict[tuple[str, str], bool] = field(default_factory=dict)  # why it was not, the last time
+    _suspected: dict[tuple[str, str], bool] = field(default_factory=dict)  # as it last was not admissible
     _failed: dict[tuple[str, str], tuple[int, int, str]] = field(default_factory=dict)
 
     def failed(self, function: str, variant: str, why: str, now_ns: int, least_ns: int = RETRY_NS) -> None:
@@ -350,6 +350,8 @@ class Keeper:
             for variant_name, standing in standings.items():
                 if standing.fine or (standing.aside and not standing.suspected):
                     self._since.setdefault((name, variant_name), now_ns)
+                    if variant_name == active:
+                        self._suspected.pop((name, variant_name), None)
                 else:
                     self._since.pop((name, variant_name), None)
                     self._suspected[name, variant_name] = standing.suspected
@@ -361,7 +363,10 @@ class Keeper:
                 order = list(function.variants)
                 better = order.index(target) < order.index(active)
                 reason = standings[active].why
-                if better and self._suspected.get((name, target)):
+                was_suspected = self._suspected.get((name, target))
+                if better and was_suspected is None:
+                    reason = f"{target} is admissible"
+                elif better and was_suspected:
                     reason = f"nothing that {target} needs is blamed any more"
                 elif better:
                     reason = met(conditions.get((name, target)), known) or f"{target} is admissible again"
