@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 from tests.repairs.lidar_robot import POWER_LOST, Robot, setting
 
-from robomend.cycle import TurnOutcome, mend, stands_no_more, turn
+from robomend.cycle import MOST_IDLE, TurnOutcome, mend, stands_no_more, turn
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan, Step
@@ -90,9 +90,12 @@ async def test_what_changed_while_it_was_planned_for_is_diagnosed_anew_and_not_f
     repair = Told([LIDAR, HEALTHY], changes=1)
     assert (await mend(repair)).outcome is TurnOutcome.HEALTHY
     assert repair.calls == ["diagnose", "choose", "diagnose"]
-    flapping = Told([LIDAR] * 10, changes=10, rounds=3)
+    flapping = Told([LIDAR] * 30, changes=30, rounds=3)
     assert (await mend(flapping)).execution is None
-    assert flapping.calls.count("choose") == 3
+    assert flapping.calls.count("choose") == MOST_IDLE
+    late = Told([LIDAR] * 30, changes=7, rounds=3)  # what was not done is no try
+    assert (await mend(late)).outcome is TurnOutcome.NO_HELP
+    assert late.calls.count("look done") == 3
 
 
 async def test_what_is_not_approved_is_not_done() -> None:

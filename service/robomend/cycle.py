@@ -36,6 +36,9 @@ class TurnOutcome(StrEnum):
 GO_ON = frozenset({TurnOutcome.HELPED, TurnOutcome.NO_HELP})
 """After these the loop turns again."""
 
+MOST_IDLE = 20
+"""Turns of one repair in which the robot changed before anything was done."""
+
 
 @dataclass(frozen=True, slots=True)
 class Turn:
@@ -51,7 +54,7 @@ class Turn:
 class Repair(Protocol):
     """One repair of one robot, as the loop sees it."""
 
-    rounds: int  # turns at most, before a person is asked
+    rounds: int  # turns with acts at most, before a person is asked
 
     async def diagnose(self) -> DiagnosisResult:
         """Return the minimal diagnoses of OBS as it is now, each configured observer heard."""
@@ -105,14 +108,14 @@ async def mend(repair: Repair) -> Turn:
     """Turn the loop until the robot is healthy or nothing is left to try; return the last turn.
 
     It ends: each turn that did not help makes one diagnosis less likely to be chosen again, and there are at
-    most `repair.rounds` turns.
+    most `repair.rounds` turns with acts, and MOST_IDLE without.
     """
-    last = await turn(repair)
-    for _ in range(repair.rounds - 1):
-        if last.outcome not in GO_ON:
-            return last
+    acted = idle = 0
+    while True:
         last = await turn(repair)
-    return last
+        acted, idle = (acted, idle + 1) if last.execution is None else (acted + 1, idle)
+        if last.outcome not in GO_ON or acted >= repair.rounds or idle >= MOST_IDLE:
+            return last
 
 
 def stands_no_more(bad: tuple[str, ...], after: DiagnosisResult) -> bool:

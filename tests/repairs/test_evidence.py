@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -373,3 +374,33 @@ async def test_a_fault_before_two_values_were_ever_compared_is_repaired_without_
         robot.cut("base")
         repair = await the_repair(runtime)
     assert (repair["state"], robot.done) == ("repaired", SHUT_DOWN), repair["reason"]
+
+
+async def test_reports_that_are_rarer_than_their_lifetimes_do_not_make_everything_young_again(
+    tmp_path: Path,
+) -> None:
+    """Each lapses for a moment before it is said again; what runs has not begun anew with that."""
+
+    class Rare(Robot):
+        said: tuple[float, tuple[str, ...]] = (0.0, ())
+
+        async def report(self) -> None:
+            sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
+            if sentences == self.said[1] and time.monotonic() < self.said[0] + 0.6:
+                return
+            self.said = (time.monotonic(), sentences)
+            about: dict[str, Any] = {"since": (now_ns,) * len(sentences), "lifetime_s": 0.5}
+            await self.robots.observe("r1", Batch(sentences, source="agent", time_ns=now_ns, **about))
+
+        def do(self, name: str, parameter: str) -> None:
+            super().do(name, parameter)
+            if name == "start_node":
+                self.broken_topics.clear()
+
+    about = {"actions": {name: {"executor": {"kind": "agent"}} for name in CONFIG["actions"]}}
+    async with robot_of(tmp_path, Rare, **about) as (runtime, robot):
+        await asyncio.sleep(6)  # all that runs has run for longer than a start takes
+        robot.broken_topics.add("map")
+        repair = await the_repair(runtime)
+    assert (repair["state"], robot.done) == ("repaired", ["stop_node(mapping)", "start_node(mapping)"])
+    assert repair["rounds"][0]["plan"][0]["sent_ns"] - repair["created_ns"] < 4e9

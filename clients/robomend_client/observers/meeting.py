@@ -185,7 +185,7 @@ class QosObserver:
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         why = self._judgement.read
-        reading = Reading("fits") if why is None else Reading(str(why), symptom=Symptom.SILENT)
+        reading = Reading("fits" if why is None else str(why))
         return self._judgement.evidence._replace(reading=reading)
 
 

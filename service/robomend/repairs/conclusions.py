@@ -154,6 +154,11 @@ def conclusion(last: Turn, signals: Signals, written: Json, state: Robot) -> tup
             return RepairTrigger.NEEDS_PERSON, f"{first}{_tried(rounds)}{why.removeprefix(first)}"
         case TurnOutcome.ASK:
             return RepairTrigger.NEEDS_PERSON, why
+        case _ if last.choice is None:
+            return RepairTrigger.NEEDS_PERSON, (
+                f"{_tried(rounds)}what is blamed changed again and again before anything was done, and the "
+                "robot is not healthy"
+            )
         case _:
             return RepairTrigger.NEEDS_PERSON, (
                 f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import structlog
 
+from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
 from robomend.observations.pending import GUARD_NS
@@ -47,6 +48,9 @@ RIGHT_NS = 10**9
 
 FAR_NS = 60 * 10**9
 """So far apart, clocks are no longer taken for equal where observations are ordered."""
+
+LATE_NS = 30 * 10**9
+"""What is silent for longer beyond its lifetime is not a bit late, however long it may live."""
 
 MOST_SOURCES = 64
 
@@ -109,6 +113,16 @@ class SourceClocks:
         one that is ahead outlives its source. Where times are brought to our clock, it is in there already.
         """
         return self._offsets.get(source, 0) - self.behind_ns(source)
+
+    def late_until_ns(self, entry: Entry) -> int:
+        """Return until when who said this may only be late with saying it again: for one more lifetime.
+
+        0: it has no lifetime.
+        """
+        if entry.expires_ns is None:
+            return 0
+        lives_ns = entry.expires_ns - entry.time_ns - self.lives_on_ns(entry.source)
+        return entry.expires_ns + min(max(0, lives_ns), LATE_NS)
 
     def behind_ns(self, source: str) -> int:
         """Return how far a source is behind our clock; 0 where it is not far."""
@@ -214,9 +228,12 @@ class Dating(NamedTuple):
                     self.twins.heard(source, arrival_ns)
             if onset_ns is not None:
                 return since_ns, onset_ns
-            # It goes on: `since` moves with it, the onset stays. What is well only while somebody looked.
-            if held is not None and same and (held.fresh(arrival_ns) or not literal.positive):
-                return since_ns, held.onset_ns or held.since_ns
+            # It goes on: `since` moves with it, the onset stays. What is well only while somebody looked, or
+            # was late with saying so: had it failed meanwhile, that would have been said.
+            if held is not None and same:
+                goes_on = held.fresh(arrival_ns) or arrival_ns < self.clocks.late_until_ns(held)
+                if goes_on or not literal.positive:
+                    return since_ns, held.onset_ns or held.since_ns
             return since_ns, since_ns if fact else None
 
         return rests_on

@@ -527,6 +527,7 @@ class Robot:
 
     def apply(self, update: Update) -> Taken:
         """Take an update into OBS. ObservationError if that would grow too large."""
+        only_late = self.sight.only_late(update.entries)
         changed = self.obs.update(update.entries) if update.entries else ()
         mortal = [e for e in update.entries if e.expires_ns is not None or e.reading is not None]
         renewed: dict[Atom, Entry] = {}
@@ -559,7 +560,7 @@ class Robot:
         self.measured.hear(update.entries, CLOCK.now_ns())
         known = [entry for entry in changed if not entry.contradicted]
         self.sight.spoken(update.entries, known)
-        self.sight.hear(update.entries, known)
+        self.sight.hear(update.entries, known, only_late)
         self.sight.start_ups.hear(known, self.system.parts, self.sight)
         return Taken(changed, tuple(renewed.values()), left.gone)
 

@@ -51,9 +51,6 @@ SLACK_NS = round(SLACK_S * 1e9)
 LEAST_SLACK_NS = 100_000_000
 """For what is on its way where all that came lately came equally fast."""
 
-LATE_NS = 30 * 10**9
-"""What is silent for longer beyond its lifetime is not a bit late, however long it may live."""
-
 LATER_NS = 2 * GUARD_NS
 """Evidence so much later than the first one is not in doubt for the sake of clocks."""
 
@@ -198,10 +195,8 @@ class Sight:
         now_ns, least_s = CLOCK.now_ns(), 0.0
         for atom in unknown:
             entry = self._robot.obs.get(atom)
-            if entry is not None and entry.expires_ns is not None and not entry.fresh(now_ns):
-                lives_ns = entry.expires_ns - entry.time_ns - self._clocks.lives_on_ns(entry.source)
-                lives_ns = min(max(0, lives_ns), LATE_NS)
-                least_s = max(least_s, (entry.expires_ns + lives_ns - now_ns) / 1e9)
+            if entry is not None and not entry.fresh(now_ns):
+                least_s = max(least_s, (self._clocks.late_until_ns(entry) - now_ns) / 1e9)
         return least_s
 
     def kinds_of_symptoms(self) -> dict[Atom, Symptom]:
@@ -388,8 +383,29 @@ class Sight:
         now_ns = () if entry.since_ns is None else (entry.since_ns,)
         return self._rose.get(entry.atom, ()) + now_ns
 
-    def hear(self, reported: Iterable[Entry], changed: Iterable[Entry] = ()) -> None:
-        """Take note of what was reported, as far as OBS has taken it in; `changed` is what was news."""
+    def only_late(self, reported: Iterable[Entry]) -> frozenset[Atom]:
+        """Return what of that holds and did when it lapsed a moment ago, by OBS before it takes that in: who
+        says it is rarer heard than its lifetime, or late, and would have said that it did not hold meanwhile.
+        """
+        if not self._robot.obs.mortal:
+            return frozenset()
+        now_ns, found = CLOCK.now_ns(), set[Atom]()
+        for entry in reported:
+            was = self._robot.obs.get(entry.atom)
+            same = was is not None and was.literal == entry.literal and was.source == entry.source
+            if was is not None and same and entry.positive and not was.fresh(now_ns):
+                found |= {entry.atom} if now_ns < self._clocks.late_until_ns(was) else set()
+        return frozenset(found)
+
+    def hear(
+        self,
+        reported: Iterable[Entry],
+        changed: Iterable[Entry] = (),
+        only_late: Collection[Atom] = frozenset(),
+    ) -> None:
+        """Take note of what was reported, as far as OBS has taken it in; `changed` is what was news, of which
+        `only_late` held all the time.
+        """
         if self._risen:
             for entry in reported:
                 if entry.atom in self._risen and entry.positive and entry.since_ns is not None:
@@ -418,6 +434,8 @@ class Sight:
                 self._off.add(atom)
             if atom.predicate == Hardware.state and len(atom.args) == 1:
                 self._switched(atom.args[0], entry)
+            if positive and atom in only_late:
+                continue
             held = self._rose.pop(atom, None)
             if positive:
                 self._fell.pop(atom, None)
