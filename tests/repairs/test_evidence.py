@@ -397,7 +397,7 @@ async def test_reports_that_are_rarer_than_their_lifetimes_do_not_make_everythin
             if name == "start_node":
                 self.broken_topics.clear()
 
-    about = {"actions": {name: {"executor": {"kind": "agent"}} for name in CONFIG["actions"]}}
+    about: dict[str, Any] = {"actions": {name: {"executor": {"kind": "agent"}} for name in CONFIG["actions"]}}
     async with robot_of(tmp_path, Rare, **about) as (runtime, robot):
         await asyncio.sleep(6)  # all that runs has run for longer than a start takes
         robot.broken_topics.add("map")

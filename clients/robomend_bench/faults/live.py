@@ -10,6 +10,7 @@ before anybody is asked: when the bench is late, no observer sees silence. It is
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -303,6 +304,7 @@ class LiveRobot:
     def hold_up(self, host: str | None, *, wholly: bool = False) -> None:
         """An agent is held up: what is sent to it waits, and it does nothing; `wholly`: nor does it send."""
         self._held[host] = []
+        self.record.held_up.append((host, self.at_s(), math.inf))
         for agent in self.agents:
             if wholly and agent.host == host:
                 for line in agent.lines:
@@ -325,6 +327,9 @@ class LiveRobot:
     def resume(self, host: str | None) -> None:
         """It goes on; what has waited arrives now."""
         now_s = self._clock()
+        for number, (name, began_s, ended_s) in enumerate(self.record.held_up):
+            if name == host and ended_s == math.inf:
+                self.record.held_up[number] = (host, began_s, self.at_s())
         for agent in self.agents:
             if agent.host == host:
                 for line in agent.lines:

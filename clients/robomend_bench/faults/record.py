@@ -118,6 +118,7 @@ class Record:
     called_healthy: list[tuple[float, float]] = field(default_factory=list)  # asked, and told that it is
     credited: list[Credited] = field(default_factory=list)
     silences: list[tuple[str, float, float]] = field(default_factory=list)  # topic, last message, the next
+    held_up: list[tuple[str | None, float, float]] = field(default_factory=list)  # host, from, until
     notes: list[tuple[float, str]] = field(default_factory=list)
     account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
     contradictions: list[str] = field(default_factory=list)  # of repairs' reasons and their records
@@ -140,6 +141,7 @@ class Record:
         self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]
         self.repairs = [replace(each, at_s=each.at_s + by_s) for each in self.repairs]
         self.silences = [(topic, began + by_s, ended + by_s) for topic, began, ended in self.silences]
+        self.held_up = [(host, began + by_s, ended + by_s) for host, began, ended in self.held_up]
         for acted in self.acts:
             acted.at_s += by_s
             acted.done_s = None if acted.done_s is None else acted.done_s + by_s

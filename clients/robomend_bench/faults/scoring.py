@@ -31,7 +31,7 @@ from robomend_bench.faults.record import SECOND_EAR, Diagnosed, Record, RepairSe
 from robomend_bench.faults.robot import Robot
 from robomend_bench.faults.times import Part, where_time_goes
 from robomend_bench.faults.universe import touched
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 GRACE_S = 0.3
 """Of what arrives so shortly before something is said nobody knows whether it was known."""
@@ -213,7 +213,8 @@ def _said_otherwise(record: Record, robot: Robot, at_s: float) -> list[str]:
 def _called_healthy(record: Record, robot: Robot, delay_s: float) -> list[str]:
     """Return when somebody was told that the robot is healthy, and it was not, or nobody could know.
 
-    Observers that must judge anew, as their agent was held up, have the time that they say they need for it.
+    Observers that must judge anew, as their agent was held up, have the time that they say they need for it,
+    and what they said lives on for its lifetime: only the time in which it runs counts.
     """
     topics = (topic for topic in robot.anatomy.topics.values() if topic.observed)
     rates = (PRESETS[record.observers].of(topic.rate_hz, topic.tolerance_hz) for topic in topics)
@@ -223,13 +224,38 @@ def _called_healthy(record: Record, robot: Robot, delay_s: float) -> list[str]:
     for asked_s, at_s in record.called_healthy:
         before = _said_otherwise(record, robot, asked_s)
         why = [each for each in _said_otherwise(record, robot, at_s) if each in before]
-        lasting = [
-            abnormal(robot.anatomy, state) for _, state in record.states_between(at_s - lasting_s, at_s)
-        ]
-        why += sorted(map(str, frozenset.intersection(*lasting)))
+        for literal in sorted(abnormal(robot.anatomy, record.state_at(at_s))):
+            since_s = _ran_since(record, _watches(robot.anatomy, literal), at_s, lasting_s)
+            states = (state for _, state in record.states_between(since_s, at_s))
+            why += [str(literal)] if all(literal in abnormal(robot.anatomy, one) for one in states) else []
         if why:
             found.append(f"{at_s:.2f} s: {', '.join(why[:3])}")
     return found
+
+
+def _watches(anatomy: Anatomy, literal: Literal) -> str | None:
+    """Return the computer whose agent observes this; "" is the board."""
+    name, hosts = literal.atom.args[-1], anatomy.hosts
+    for aspect in anatomy.aspects:
+        if aspect.atom == literal.atom:
+            return aspect.host or hosts[0]
+    if literal.atom.predicate == "on":
+        return (anatomy.devices[name].host or hosts[0]) if anatomy.power == "agent" else ""
+    if literal.atom.predicate == "running":
+        return anatomy.nodes[name].host or hosts[0]
+    return anatomy.host_of(name)
+
+
+def _ran_since(record: Record, host: str | None, at_s: float, for_s: float) -> float:
+    """Return since when until `at_s` an agent ran `for_s` seconds, not counted what it was held up."""
+    for _, began_s, ended_s in sorted((one for one in record.held_up if one[0] == host), reverse=True):
+        if began_s >= at_s:
+            continue
+        ran_s = max(0.0, at_s - ended_s)
+        if ran_s >= for_s:
+            break
+        at_s, for_s = began_s, for_s - ran_s
+    return at_s - for_s
 
 
 class _Scoring:

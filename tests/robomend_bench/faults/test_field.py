@@ -11,7 +11,7 @@ from tests.robomend_bench.faults.small import odd
 from robomend_bench.faults.classes import FaultClass, draw
 from robomend_bench.faults.condition import HEALTHY, Act, abnormal
 from robomend_bench.faults.field import BY_NAME, FIELD, WORLDS
-from robomend_bench.faults.kinds import PASSING, Fault, begun
+from robomend_bench.faults.kinds import PASSING, Fault, begun, settled
 from robomend_bench.faults.record import Acted, Arrived, Credited, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
 from robomend_bench.faults.scoring import Score, score
@@ -108,6 +108,22 @@ def arrived(
 ) -> Arrived:
     literals = tuple(-holds("ok", t.removeprefix("not ")) if "not " in t else holds("ok", t) for t in texts)
     return Arrived(at_s, "onboard", literals, (), lifetime_s, at_s - took_s, at_s - late_s)
+
+
+def test_who_is_held_up_observes_nothing_meanwhile_and_is_believed_for_the_lifetime_of_its_words() -> None:
+    cart = find_robot("cart")
+    robot = Robot("cart", cart.model, cart.anatomy, world="field")
+    record = Record(Trial("cart", "starved-agent", 1, 1), "fast", end_s=20.0)
+    record.states = [(0.0, settled(cart.anatomy, Fault("planner", "hung")))]
+    record.called_healthy = [(4.9, 5.0)]
+    assert score(record, robot).called_healthy
+    record.held_up = [("elsewhere", 0.0, 4.8)]
+    assert score(record, robot).called_healthy
+    (host,) = cart.anatomy.hosts
+    record.held_up = [(host, second + 0.1, second + 1.0) for second in range(5)]
+    assert score(record, robot).called_healthy == []  # it ran for half a second
+    record.arrived = [arrived(0.0, "path", lifetime_s=2.0)]
+    assert score(record, robot).called_healthy == ["5.00 s: ok(path) had not been said again in its lifetime"]
 
 
 @pytest.mark.parametrize(
