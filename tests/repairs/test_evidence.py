@@ -202,6 +202,37 @@ async def test_a_fault_that_comes_and_goes_is_told_once_and_repaired_when_it_sta
     assert robot.done == ["start_node(mapping)"]
 
 
+async def test_who_is_cleared_while_it_is_planned_for_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The map fails before the scan that it rests on; beside it the base has no power, which stands."""
+
+    class Late(Robot):
+        def do(self, name: str, parameter: str) -> None:
+            super().do(name, parameter)
+            if (name, parameter) == ("start_node", "lidar_node"):
+                self.broken_topics.clear()
+
+    choose, planned = Chooser.choose_in_turn, list[tuple[str, ...]]()
+    async with robot_of(tmp_path, Late) as (runtime, robot):
+
+        async def slow(chooser: Chooser, state: Any, result: Any, **options: Any) -> Any:
+            found: Any = await choose(chooser, state, result, **options)
+            if options.get("looks"):
+                planned.append(found.diagnosis.bad)
+                robot.broken_topics.add("scan")
+                await eventually(lambda: ("base", "lidar") in state.current.bad_sets, "the service knows")
+            return found
+
+        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
+        robot.broken_topics.add("map")
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert planned[0] == ("base", "mapping")
+    assert repair["state"] == "repaired", repair["reason"]
+    assert not [one for one in robot.done if "mapping" in one]
+
+
 # --- evidence that is odd: never judged anew, from before the robot, of a clock that is wrong
 
 S = 10**9

@@ -215,7 +215,7 @@ class LiveRepair:
     async def choose(self, result: DiagnosisResult) -> Choice | None:
         """Plan for the leading diagnoses; wait for a probe's outcome where looking first is cheaper.
 
-        None: nothing of what is planned for is blamed any more; on a busy computer planning takes a while.
+        None: not all of what is planned for is blamed any more; on a busy computer planning takes a while.
         """
         found = await self._planned(result, looks=True)
         for _ in range(MOST_ANEW):
@@ -240,7 +240,8 @@ class LiveRepair:
         if found.came_back:
             await self._record.set_aside(set_aside(self._state.id, found.came_back, time.time_ns()))
         if found.plan is not None and found.diagnosis is not None:
-            if stands_no_more(found.diagnosis.bad, await self._newest()):
+            blamed = {name for diagnosis in (await self._newest()).diagnoses for name in diagnosis.bad}
+            if not blamed.issuperset(found.diagnosis.bad):
                 return None
             found = self._permission.at_once(found)
             assert found.plan is not None
