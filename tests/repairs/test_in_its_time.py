@@ -81,23 +81,37 @@ async def test_a_node_has_the_time_that_the_model_says_it_needs(tmp_path: Path) 
     assert (repair["state"], robot.done) == ("repaired", ["start_node(lidar_node)"])
 
 
+@pytest.mark.parametrize("anew", [False, True], ids=["seen silent", "judged anew"])
 async def test_a_start_of_which_nothing_is_known_has_twice_as_long_each_time_it_was_given_up(
-    tmp_path: Path,
+    tmp_path: Path, anew: bool
 ) -> None:
-    """A mapper loads its map for 3 s, and begins anew when it is stopped; `effect_timeout_s` is 1 s."""
+    """A mapper loads its map for 3 s, and begins anew when it is stopped; `effect_timeout_s` is 1 s.
+
+    Who judges anew after the first start dates the silence by that.
+    """
     loading: list[asyncio.TimerHandle] = []
+
+    class JudgesAnew(Robot):
+        def sentences(self) -> list[str]:
+            said = super().sentences()
+            return said if self.done else [one.replace("not ok(map)", "ok(map)") for one in said]
 
     async def loads(robot: Robot, name: str, parameter: str) -> int | None:
         robot.do(name, parameter)
         for handle in loading:
             handle.cancel()
         if name == "start_node":
+            if anew and not robot.done:
+                robot.onsets["not ok(map)"] = CLOCK.now_ns()
             robot.broken_topics.add("map")
             loaded = asyncio.get_running_loop().call_later(3.0, robot.broken_topics.discard, "map")
             loading.append(loaded)
         return 0
 
-    repair, robot = await repaired(tmp_path, lambda robot: robot.do("stop_node", "mapping"), spoil=loads)
+    kind = JudgesAnew if anew else Robot
+    repair, robot = await repaired(
+        tmp_path, lambda robot: robot.do("stop_node", "mapping"), spoil=loads, kind=kind
+    )
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done.count("start_node(mapping)") <= 3
 

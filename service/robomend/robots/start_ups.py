@@ -468,7 +468,7 @@ class StartUps:
                 due_ns = max(began_ns, booted_ns, coming_ns, *there) + _with_room(own_ns)
             else:
                 due_ns = max(coming_ns, booted_ns + usual_ns if booted_ns else 0)
-                ordered, _ = self._early(node, seen)
+                ordered, _ = self._early(node, seen, SKEW_NS)
                 if ordered > 1 and not node.drives:  # to start it is all that can be done: it may be slow
                     due_ns = max(due_ns, began_ns + (usual_ns << (ordered - 1)))
             latest_ns = max(latest_ns, due_ns)
@@ -521,11 +521,16 @@ class StartUps:
         )
         return bool(node.drives) and unknown and not any(known)
 
-    def _early(self, node: Node, seen: Seen) -> tuple[int, int]:
-        """Return how often repairs started a node since it fell silent, and until when that may be early."""
+    def _early(self, node: Node, seen: Seen, room_ns: int = 0) -> tuple[int, int]:
+        """Return how often repairs started a node since it fell silent, and until when that may be early.
+
+        Args:
+            room_ns: a start so long before that counts as well: observers that judge anew after it date the
+            silence by that.
+        """
         fell = (seen.fell_ns(Atom("ok", (topic,))) for topic in node.publishes)
         fell_ns = max((at_ns for at_ns in fell if at_ns is not None), default=0)
-        ordered = sum(at_ns > fell_ns for at_ns in self._orders.get(node.name, ()))
+        ordered = sum(at_ns > fell_ns - room_ns for at_ns in self._orders.get(node.name, ()))
         return ordered, fell_ns + BOOTS_NS // OFTEN_UNSEEN if fell_ns else 0
 
     def booting(self, node: str, parts: ComponentModel, seen: Seen) -> tuple[str, ...]:
