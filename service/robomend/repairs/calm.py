@@ -228,11 +228,15 @@ class Calm:
         return found
 
     def _began_ns(self, entry: Entry) -> int | None:
-        """Return since when something is on, or runs, by who says so or by when it was heard to change."""
+        """Return since when something is on, or runs, by who says so or by when it was heard to change.
+
+        What was only late with saying it again has not begun anew, though nobody looked for a moment.
+        """
         sight = self._state.sight
-        if entry.onset_ns is None and sight.seen_off(entry.atom):
-            return sight.rose_ns(entry.atom)
-        return entry.onset_ns
+        rose_ns = sight.rose_ns(entry.atom)
+        if entry.onset_ns is None:
+            return rose_ns if sight.seen_off(entry.atom) else None
+        return entry.onset_ns if rose_ns is None else min(entry.onset_ns, rose_ns)
 
     def _risen(self, parts: ComponentModel, said: Collection[Entry]) -> dict[str, int]:
         """Return topics that are good, or may be by who publishes them, with since when.

@@ -228,12 +228,9 @@ class Dating(NamedTuple):
                     self.twins.heard(source, arrival_ns)
             if onset_ns is not None:
                 return since_ns, onset_ns
-            # It goes on: `since` moves with it, the onset stays. What is well only while somebody looked, or
-            # was late with saying so: had it failed meanwhile, that would have been said.
-            if held is not None and same:
-                goes_on = held.fresh(arrival_ns) or arrival_ns < self.clocks.late_until_ns(held)
-                if goes_on or not literal.positive:
-                    return since_ns, held.onset_ns or held.since_ns
+            # It goes on: `since` moves with it, the onset stays. What is well only while somebody looked.
+            if held is not None and same and (held.fresh(arrival_ns) or not literal.positive):
+                return since_ns, held.onset_ns or held.since_ns
             return since_ns, since_ns if fact else None
 
         return rests_on
